@@ -149,7 +149,8 @@ impl SiteFit {
         let then = offsets_of(sites, tick.of_card) + lengths(tick.lengths);
         let (keep, share) = (1.0 - self.due_s / FORGET_S, self.due_s / LASTS_S);
         *self.information = *self.information * keep + tick_information.information * share;
-        self.pull = self.pull * keep + (tick_information.pull + tick_information.information * then) * share;
+        self.pull = self.pull * keep
+            + (tick_information.pull + tick_information.information * then) * share;
     }
 
     /// Solves for the common constants of all ticks.

@@ -1,10 +1,11 @@
-//! How tall somebody is of whom a pose is known.
+//! Stature of a person from a pose.
 
 use nalgebra::Vector3;
 
 use super::skeleton::{Joint, Proportions};
 
-/// The links from the ankle to the middle of the head of who stands upright; hips are as high as the pelvis.
+/// The links from the ankle to the middle of the head of an upright person; hips are as high as the
+/// pelvis.
 const UPWARD: [[Joint; 2]; 5] = [
     [Joint::LeftAnkle, Joint::LeftKnee],
     [Joint::LeftKnee, Joint::LeftHip],
@@ -13,14 +14,16 @@ const UPWARD: [[Joint; 2]; 5] = [
     [Joint::Neck, Joint::Head],
 ];
 
-/// From the soles to the top of the head of somebody with these joints (world, metres, in the order of [`Joint`]) who stands
-/// upright, metres: body height, without shoes and hair. `None` where joints are missing.
+/// Body height of a person with these joints (world, metres, in the order of [`Joint`]), from the
+/// soles to the top of the head when upright, metres, without shoes and hair. `None` if joints are
+/// missing.
 ///
 /// ```text
-///   stature = Σ lᵢ / Σ rᵢ,   lᵢ: shank, thigh, lumbar, trunk and neck, metres,   rᵢ: those of the average body, in statures
+///     stature = Σ lᵢ / Σ rᵢ,   lᵢ: shank, thigh, lumbar, trunk and neck, metres,   rᵢ: those of the average body, in statures
 /// ```
 ///
-/// The ankle above the sole and the top of the head above its middle, which no keypoint shows, are those of the average.
+/// The ankle above the sole and the top of the head above its middle have no keypoints: they are
+/// those of the average.
 pub(crate) fn stature_m(joints_m: &[[f32; 3]]) -> Option<f64> {
     let at_m = |joint: Joint| {
         let at_m = joints_m.get(joint.index())?;

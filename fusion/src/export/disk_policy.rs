@@ -1,24 +1,26 @@
-//! What is done when a disk refuses: a write is tried again, goes on in another file, or is given up.
+//! Handling of disk errors: a write is retried, continues in another file, or is given up.
 //!
-//! Beneath every buffer, so that what is written goes on exactly where it stopped, and nothing is torn.
+//! It works below every buffer, so that writing continues exactly where it stopped, and no line is
+//! torn.
 
 use std::fmt::Debug;
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
-/// What is done when a disk refuses. Shells decide: here nothing can wait.
+/// Decides how disk errors are handled. The shell implements it: code here cannot wait.
 pub trait DiskPolicy: Debug + Send + Sync {
-    /// `path` was refused with `error`: there is no room, or anything else. Returns after a while whether to try again.
+    /// `path` was refused with `error`, such as a full disk. Returns, after a while, whether to
+    /// retry.
     fn try_again(&self, path: &Path, error: &io::Error) -> bool;
 
-    /// No file can be begun that goes on where one was refused; `path` was tried last. Returns after a while whether to try
-    /// again.
+    /// No file can be created to continue the refused one; `path` was tried last. Returns, after a
+    /// while, whether to retry.
     fn wait(&self, path: &Path, error: &io::Error) -> bool;
 
-    /// `path` has been written to.
+    /// A write to `path` succeeded.
     fn took(&self, path: &Path);
 
-    /// The file that was refused for good, in words.
+    /// Reports a file that was finally refused, as text.
     fn refused(&self, refusal: &str);
 }
 
@@ -40,7 +42,7 @@ impl DiskPolicy for GiveUp {
     fn refused(&self, _refusal: &str) {}
 }
 
-/// Does what writes to `path` for as long as `disk` has patience with its errors, where they `may_pass`.
+/// Runs `work`, which writes to `path`, again while `disk` allows it, for errors that `may_pass`.
 ///
 /// # Errors
 /// Those of `work`.
@@ -62,7 +64,7 @@ pub(super) fn patiently<T>(
     }
 }
 
-/// Whether there would be no error if somebody deleted something.
+/// Whether deleting files would remove the error.
 pub(crate) fn is_full(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -76,7 +78,7 @@ mod tests {
 
     use super::*;
 
-    /// Waits so many times.
+    /// Waits this many times.
     #[derive(Debug)]
     struct Waits(AtomicU32);
 
@@ -108,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_may_pass_is_waited_for_and_only_while_there_is_patience() {
+    fn only_transient_errors_are_retried_and_only_while_allowed() {
         use ErrorKind::{PermissionDenied, QuotaExceeded, StorageFull};
         assert_eq!(tried(&[StorageFull, QuotaExceeded], 5), (3, None));
         assert_eq!(tried(&[StorageFull; 9], 5), (6, Some(StorageFull)));

@@ -1,10 +1,11 @@
-//! Errors of a disk, for the tests of a thread: what is written to files whose name begins so fails a number of times.
+//! Simulated disk errors for tests, per thread: work on files of a given name fails a number of
+//! times.
 
 use std::cell::RefCell;
 use std::io;
 use std::path::Path;
 
-/// What fails.
+/// The work that fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Work {
     Write,
@@ -19,12 +20,12 @@ thread_local! {
     static FAILING: RefCell<Option<(&'static str, Work, u32)>> = const { RefCell::new(None) };
 }
 
-/// The next `times` that `work` is done on a file whose name begins with `name` it fails.
+/// Makes the next `times` of `work` on files whose name begins with `name` fail.
 pub(crate) fn fail(name: &'static str, work: Work, times: u32) {
     FAILING.set(Some((name, work, times)));
 }
 
-/// Fails where it shall.
+/// Fails if requested.
 pub(crate) fn check(path: &Path, work: Work) -> io::Result<()> {
     FAILING.with_borrow_mut(|failing| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();

@@ -16,21 +16,21 @@ const SIGMA_DECIMALS: u32 = 4;
 /// Decimals of angles, radians.
 pub(super) const ANGLE_DECIMALS: u32 = 6;
 
-/// A person at a tick, ready to be serialised: positions in world metres with 5 decimals,
-/// standard deviations in metres with 4, angles in radians with 6, rounded inward at a bound of their range. Fields and points come in the order of
-/// the model, so that equal poses are equal bytes.
+/// A person at a tick, ready to be serialised: positions in world metres with 5 decimals, standard
+/// deviations in metres with 4, angles in radians with 6, rounded inward at a bound of their range.
+/// Fields and points come in the order of the model, so that equal poses are equal bytes.
 #[derive(Debug, Clone, Copy)]
 pub struct PoseLine<'a> {
     /// The tick.
     pub tick: Tick,
     /// The person.
     pub pose: &'a PersonPose,
-    /// What the pose's numbers are called.
+    /// Names of the pose's numbers.
     pub layout: &'a Layout,
 }
 
 impl PoseLine<'_> {
-    /// Writes the line and its end.
+    /// Writes the line with its line break.
     ///
     /// # Errors
     /// Those of `writer`.
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_names_and_rounds_all_it_holds() {
+    fn a_line_has_names_and_rounded_values() {
         let layout = fixture::layout();
         let pose = fixture::pose(1, PersonState::Tracked);
         let line = PoseLine {
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_that_does_not_know_how_sure_it_is_says_nothing_of_it() {
+    fn a_pose_without_sigmas_has_no_sigma_field() {
         let layout = fixture::layout();
         let mut pose = fixture::pose(1, PersonState::Tentative);
         pose.sigma_m.clear();
@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn an_angle_at_its_bound_stays_inside() {
         let knee = &fixture::layout().angles[2];
-        // The nearest f32 to the bound 2.268928 lies above it.
+        // The nearest f32 to the bound 2.268928 is above it.
         assert!(f64::from(2.268_928_f32) > 2.268_928);
         assert!(knee.rounded(2.268_928) <= 2.268_928);
         assert!(knee.rounded(-0.0) >= 0.0);
@@ -162,7 +162,8 @@ mod tests {
 
     #[test]
     fn lengths_survive_the_wire_and_the_file() {
-        // A link of 0.42 m turned about, far out in the field: f32 and 5 decimals move it less than 5e-5 m.
+        // A link of 0.42 m in many orientations, far out in the field: f32 and 5 decimals move it
+        // by less than 5e-5 m.
         let layout = fixture::layout();
         let mut pose = fixture::pose(1, PersonState::Tracked);
         for step in 0..1000 {

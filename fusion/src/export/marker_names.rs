@@ -1,13 +1,15 @@
-//! What points are called in files that `OpenSim` reads: TRC files, and the models that go with them.
+//! Names of points in files for `OpenSim`: TRC files, and the models that belong to them.
 
 use std::collections::BTreeSet;
 
-/// What `OpenSim` refuses in names of components, and what would end a cell of a TRC file or a line.
+/// Characters that `OpenSim` refuses in names of components, or that would end a cell or line of a
+/// TRC file.
 const REFUSED: [char; 4] = ['\\', '/', '*', '+'];
-/// Characters that no XML document can hold.
+/// Characters that XML does not allow.
 const NOT_IN_XML: [char; 2] = ['\u{fffe}', '\u{ffff}'];
 
-/// `name` as `OpenSim` takes it: each of `\ / * +`, blanks, tabs, line ends and control characters is `_`.
+/// `name` in a form that `OpenSim` accepts: each of `\ / * +`, blanks, tabs, line ends and control
+/// characters is `_`.
 ///
 /// Source: `OpenSim` 4, `ComponentPath`, whose message is "contains invalid characters of: '\*+ \t\n/'".
 pub fn opensim_name(name: &str) -> String {
@@ -18,8 +20,8 @@ pub fn opensim_name(name: &str) -> String {
     name.chars().map(safe).collect()
 }
 
-/// What points are called, joints first, each name once. A keypoint that is called like a joint is `keypoint_<name>`; one
-/// that is called as another once `OpenSim` can read it has a number.
+/// Unique names of points, joints first. A keypoint with the name of a joint is `keypoint_<name>`;
+/// a name that is no longer unique in `OpenSim`'s form gets a number.
 pub fn point_names(joints: &[String], keypoints: &[String]) -> Vec<String> {
     let mut names = joints.to_vec();
     let mut taken: BTreeSet<String> = joints.iter().cloned().collect();
@@ -42,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_name_holds_what_opensim_refuses() {
+    fn no_name_has_characters_that_opensim_refuses() {
         for (name, expected) in [
             ("left_knee", "left_knee"),
             ("Anna Maria", "Anna_Maria"),
@@ -57,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_become_equal_are_told_apart() {
+    fn names_that_become_equal_get_numbers() {
         let texts = |names: &[&str]| names.iter().map(|it| (*it).to_owned()).collect::<Vec<_>>();
         let keypoints = ["big toe", "big/toe", "big_toe_2", "left knee", "left_knee"];
         let names = point_names(&texts(&["left_knee"]), &texts(&keypoints));

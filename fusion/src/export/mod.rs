@@ -1,8 +1,8 @@
-//! Turns poses into the files that others read: `poses.jsonl`, TRC and MOT per person, `summary.json`.
+//! Export of poses: `poses.jsonl`, TRC and MOT per person, `summary.json`.
 //!
-//! [`Layout`] names what a pose holds by position. [`mod@line`], [`trc`] and [`mot`] are text and know no
-//! file; [`pose_files`] alone writes, each file under a temporary name until it is whole, and [`salvage`]
-//! makes whole what a process has left that was killed. [`summary`] is what a run says of itself.
+//! [`Layout`] has the names of a pose's numbers. [`mod@line`], [`trc`] and [`mot`] make text and
+//! know no file. Only [`pose_files`] writes, each file under a temporary name until it is complete.
+//! [`salvage`] completes the files of a killed process. [`summary`] describes a run.
 
 pub mod disk_policy;
 #[cfg(test)]
@@ -28,19 +28,19 @@ use farfield_proto::keypoints::KeypointSet;
 use crate::body::determined::{AngleEvidence, Determined};
 use crate::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion, sites_of};
 
-/// The file of names and edits of people, which others write: in the folder of a run; beside a recording its name ends so, in the
-/// place of `mcap`.
+/// Name of the file with names and edits of people, which other programs write, in the folder of a
+/// run. Next to a recording, its name ends so in place of `mcap`.
 pub const EDITS: &str = "edits.jsonl";
 
-/// Rows that a head has room to count: years of them. It is written before they come.
+/// Rows that a head has room to count: years of them. It is written before the rows.
 const MOST_ROWS: u64 = 9_999_999_999;
 
-/// What the numbers of a [`PersonPose`](farfield_proto::message::PersonPose) are called.
+/// Names of the numbers of a [`PersonPose`](farfield_proto::message::PersonPose).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     /// Names of the joints, in the order of the skeletal model.
     pub joints: Vec<String>,
-    /// Per joint whether the keypoints determine it: others are no markers.
+    /// Per joint whether the keypoints determine it: other joints are no markers.
     pub is_marker: Vec<bool>,
     /// Names of the keypoints, in the order of the network's card.
     pub keypoints: Vec<String>,
@@ -51,17 +51,17 @@ pub struct Layout {
 /// One reported angle, or one of the root's translations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AngleColumn {
-    /// Its name, as OpenSim's full-body model calls it where it has it.
+    /// Its name, in OpenSim's full-body model if it is there.
     pub name: String,
-    /// What its numbers are.
+    /// Unit of its numbers.
     pub unit: AngleUnit,
-    /// The range of motion that was enforced, radians: written numbers do not leave it by rounding.
+    /// The enforced range of motion, radians: written numbers do not leave it by rounding.
     pub range_rad: Option<[f64; 2]>,
-    /// How it follows from the keypoints: what they say nothing of is no column of a MOT file.
+    /// How it follows from the keypoints: an undetermined one has no column in a MOT file.
     pub evidence: AngleEvidence,
 }
 
-/// What the numbers of an [`AngleColumn`] are.
+/// The unit of an [`AngleColumn`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AngleUnit {
     /// An angle.
@@ -88,7 +88,8 @@ impl AngleColumn {
 }
 
 impl Layout {
-    /// The layout of poses of a network with these `keypoints`; `range` of motion where one was enforced.
+    /// The layout of poses of a network with these `keypoints`, and the enforced `range` of motion,
+    /// if any.
     pub fn of(keypoints: &KeypointSet, range: Option<&RangeOfMotion>) -> Self {
         let determined = Determined::by(&sites_of(keypoints, &BTreeMap::new()));
         let angle = |(index, name): (usize, &&str)| {
@@ -111,8 +112,9 @@ impl Layout {
         }
     }
 
-    /// The markers of a TRC file: the joints that are determined, then the keypoints, as [`marker_names`] call them. The
-    /// two differ where the network means another point than the anatomical centre.
+    /// The markers of a TRC file: the determined joints, then the keypoints, with the names of
+    /// [`marker_names`]. A joint and its keypoint differ if the network's point is not the
+    /// anatomical centre.
     pub fn markers(&self) -> Vec<String> {
         let names = marker_names::point_names(&self.joints, &self.keypoints);
         let is_marker = self.is_marker.iter().copied();

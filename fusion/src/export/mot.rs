@@ -1,12 +1,13 @@
 //! MOT, OpenSim's motion file: the reported angles over time.
 //!
-//! Degrees, the root's translations metres, in the frame of the TRC file (y up). Time starts at 0 with
-//! the run's first tick, as in all files of a run. A tick without a pose has no row, nor has one at which nobody saw the
-//! person for so long that no place is known ([`has_row`]): OpenSim's `Storage` stops reading
-//! at a `NaN`, and interpolates over time that is missing. For the same reason an angle that the keypoints say nothing
-//! of has no column: the head names it, and those that are known only together. Who turns round and round has angles of
-//! the pelvis beyond 180. All others stay in their ranges, so that left and right compare: an arm that crosses the other
-//! side of the circle jumps from one side of its range to the other.
+//! Degrees, the root's translations metres, in the frame of the TRC file (y up). Time starts at 0
+//! with the run's first tick, as in all files of a run. A tick without a pose has no row, and
+//! neither has a tick with an unknown place, after a long time unseen ([`has_row`]). The reason:
+//! OpenSim's `Storage` stops reading at a `NaN`, and interpolates over missing time. Therefore an
+//! undetermined angle also has no column. The head lists these angles, and those that are
+//! determined only together. A person who keeps turning has pelvis angles beyond 180. All others
+//! stay in their ranges, so that left and right compare: an arm that crosses the other side of the
+//! circle jumps from one end of its range to the other.
 
 use std::f64::consts::PI;
 use std::fmt::Write as _;
@@ -21,17 +22,18 @@ use crate::body::determined::{AngleEvidence, UNKNOWN_M};
 
 /// Decimals of angles in degrees, and of translations in metres.
 const DECIMALS: u32 = 6;
-/// What stands before the number of rows.
+/// Prefix of the number of rows.
 const ROWS: &str = "nRows=";
-/// How the angles of the root are called: of who may turn round and round.
+/// Prefix of the root's angles, which may accumulate turns.
 const ROOT: &str = "pelvis_";
 
-/// How a header begins.
+/// First word of a header.
 pub(super) const FIRST_WORD: &str = "Coordinates";
-/// The last line of the header; one of names follows.
+/// Last line of the header; a line of names follows.
 pub(super) const END_OF_HEAD: &str = "endheader";
 
-/// The header up to the row of names, of no rows so far; [`with_rows`] counts them in as many bytes.
+/// The header up to the row of names, with no rows so far; [`with_rows`] sets the count in the same
+/// number of bytes.
 pub fn header(layout: &Layout) -> String {
     let columns: Vec<&str> = layout.columns().map(|angle| angle.name.as_str()).collect();
     let n_columns = columns.len() + 1;
@@ -66,7 +68,7 @@ pub fn header(layout: &Layout) -> String {
     with_rows(&longest, 0).unwrap_or(longest)
 }
 
-/// A line of the head that names the angles of such evidence; nothing where there are none.
+/// A line of the head that lists the angles with this evidence; empty if there are none.
 fn note(layout: &Layout, what: &str, evidence: AngleEvidence) -> String {
     let angles = layout.angles.iter();
     let named = angles.filter(|angle| angle.evidence == evidence);
@@ -77,8 +79,8 @@ fn note(layout: &Layout, what: &str, evidence: AngleEvidence) -> String {
     format!("{what}: {}\n", names.join(" "))
 }
 
-/// `head` with its number of rows; as long as before, by spaces in the empty line before its end. `None`: it
-/// is no header of ours, or has no room for the number.
+/// `head` with its number of rows; the length stays equal, by spaces in the empty line before its
+/// end. `None` if it is not our header, or has no room for the number.
 pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
     let mut lines: Vec<&str> = head.split('\n').collect();
     let count = format!("{ROWS}{n_rows}");
@@ -96,8 +98,9 @@ pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
     Some(lines.join("\n"))
 }
 
-/// Whether a pose tells of angles: some joint of it is known well enough to be a marker of the TRC file. Where none is,
-/// the model was carried on unseen, its angles are those of nobody, and no cell of a file of numbers could say so.
+/// Whether the angles of a pose are known: at least one joint is known well enough to be a marker
+/// of the TRC file. Otherwise the pose is only predicted, and a file of numbers could not express
+/// that.
 pub fn has_row(pose: &PersonPose) -> bool {
     let mut sigmas_m = pose.sigma_m.iter();
     pose.sigma_m.is_empty() || sigmas_m.any(|sigma_m| *sigma_m <= UNKNOWN_M)
@@ -106,15 +109,17 @@ pub fn has_row(pose: &PersonPose) -> bool {
 /// The rows of one file, one after the other.
 #[derive(Debug, Clone, Default)]
 pub struct MotRows {
-    /// Per angle, what the row before has.
+    /// Per angle, its value in the previous row.
     last: Vec<f64>,
 }
 
 impl MotRows {
-    /// The next row. An angle of the pelvis goes on from the row before, also beyond 180 degrees: OpenSim interpolates and
-    /// differentiates between rows, and would take the other side of the circle for a turn in one tick. Where an arm passes the pole
-    /// of its angles these flip by half a turn, the way back may flip them the other way, and what goes on would keep whole turns
-    /// that were none. So all else is as it is reported, inside its range: an arm that goes round, a swimmer's, jumps once a turn.
+    /// The next row. An angle of the pelvis continues from the previous row, also beyond 180
+    /// degrees: OpenSim interpolates and differentiates between rows, and would read a wrapped
+    /// angle as a turn in one tick. Other angles are written as reported, inside their range. The
+    /// angles of an arm flip by half a turn where it passes their pole, and may flip the other way
+    /// on the way back. Continued angles would keep false whole turns. So the arm of a swimmer, for
+    /// example, jumps once per turn.
     pub fn row(&mut self, layout: &Layout, time_s: f64, pose: &PersonPose) -> String {
         let mut text = format!("{time_s:.TIME_DECIMALS$}");
         let is_first = self.last.is_empty();
@@ -125,7 +130,7 @@ impl MotRows {
                 continue;
             }
             let printed = angle.printed(value);
-            *last = if is_first || !angle.goes_on() || !last.is_finite() {
+            *last = if is_first || !angle.accumulates() || !last.is_finite() {
                 printed
             } else {
                 round(
@@ -142,8 +147,9 @@ impl MotRows {
 }
 
 impl AngleColumn {
-    /// Whether whoever has it may turn round and round: it is the root's, and its range, if any, is the whole circle.
-    fn goes_on(&self) -> bool {
+    /// Whether it may accumulate turns: it is an angle of the root, and its range, if any, is the
+    /// whole circle.
+    fn accumulates(&self) -> bool {
         let is_circle = |[low, high]: [f64; 2]| high - low > 2.0 * PI - 1e-6;
         let is_root = self.unit == AngleUnit::Radian && self.name.starts_with(ROOT);
         is_root && self.range_rad.is_none_or(is_circle)
@@ -156,7 +162,7 @@ impl AngleColumn {
             (AngleUnit::Metre, _) => round(value, DECIMALS),
             (AngleUnit::Radian, None) => round(value.to_degrees(), DECIMALS),
             (AngleUnit::Radian, Some(range)) => {
-                // In radians first: only there is it known how far f32 can have carried the angle.
+                // In radians first: only there the error of f32 is known.
                 let inside = draw_in(value, range);
                 round_inward(inside.to_degrees(), DECIMALS, range.map(f64::to_degrees))
             }
@@ -174,7 +180,7 @@ mod tests {
     use crate::body::skeleton::RangeOfMotion;
 
     #[test]
-    fn a_file_is_as_opensim_reads_it() {
+    fn a_file_has_the_form_that_opensim_reads() {
         let layout = fixture::layout();
         let pose = fixture::pose(1, PersonState::Tracked);
         let row = MotRows::default().row(&layout, 0.05, &pose);
@@ -196,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_of_which_no_joint_is_known_has_no_row() {
+    fn a_pose_without_known_joints_has_no_row() {
         let mut pose = fixture::pose(1, PersonState::Coasting);
         assert!(has_row(&pose));
         pose.sigma_m = vec![0.13, 0.09];
@@ -204,11 +210,11 @@ mod tests {
         pose.sigma_m = vec![0.13, 0.2];
         assert!(!has_row(&pose));
         pose.sigma_m.clear();
-        assert!(has_row(&pose), "of which nobody said how sure it is");
+        assert!(has_row(&pose), "a pose without sigmas");
     }
 
     #[test]
-    fn an_angle_that_nothing_determines_is_no_column_and_is_named_in_the_head() {
+    fn an_undetermined_angle_is_listed_in_the_head_without_a_column() {
         let mut layout = fixture::layout();
         layout.angles[0].evidence = AngleEvidence::Shared;
         layout.angles[2].evidence = AngleEvidence::Missing;
@@ -229,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn who_turns_on_the_spot_turns_on_in_the_file() {
+    fn pelvis_rotation_accumulates_turns() {
         let (mut layout, mut rows) = (fixture::layout(), MotRows::default());
         layout.angles[0].range_rad = Some([-PI, PI]);
         let mut pose = fixture::pose(1, PersonState::Tracked);
@@ -250,9 +256,9 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_passes_the_pole_of_its_angles_stays_in_its_range() {
-        // Flexion of an arm that swings by its pole on one side and comes back on the other, three times: each time it has
-        // gone round the circle once, and hangs as before.
+    fn an_arm_passing_the_pole_stays_in_its_range() {
+        // Flexion of an arm that passes its pole on one side and returns on the other, three times.
+        // Each time it has gone round the circle once, and hangs as before.
         let (mut layout, mut rows) = (fixture::layout(), MotRows::default());
         layout.angles[2] = AngleColumn {
             range_rad: Some([-PI, PI]),
@@ -265,7 +271,7 @@ mod tests {
             let written: f64 = row.trim_end().rsplit('\t').next().unwrap().parse().unwrap();
             assert!((written - reported_deg).abs() < 1e-4, "{written}");
         }
-        // At the end of the range, where f32 lies beyond it.
+        // At the end of the range, where f32 is beyond it.
         for end in [PI, -PI] {
             pose.angles[2] = end as f32;
             let row = rows.row(&layout, 0.0, &pose);
@@ -275,22 +281,23 @@ mod tests {
     }
 
     #[test]
-    fn nothing_but_the_pelvis_turns_round_and_round() {
+    fn only_the_pelvis_accumulates_turns() {
         let keypoints = KeypointSet::coco17();
         let range = RangeOfMotion::default();
-        let goes_on = |range: Option<&RangeOfMotion>| -> Vec<String> {
+        let accumulates = |range: Option<&RangeOfMotion>| -> Vec<String> {
             let layout = Layout::of(&keypoints, range);
-            let free = layout.angles.into_iter().filter(AngleColumn::goes_on);
+            let free = layout.angles.into_iter().filter(AngleColumn::accumulates);
             free.map(|angle| angle.name).collect()
         };
-        assert_eq!(goes_on(Some(&range)), ["pelvis_tilt", "pelvis_rotation"]);
-        // Without a range the pelvis' list is free too, which reports no more than a quarter of a turn.
+        assert_eq!(accumulates(Some(&range)), ["pelvis_tilt", "pelvis_rotation"]);
+        // Without a range the pelvis' list is also free, but it reports at most a quarter of a
+        // turn.
         let root = ["pelvis_tilt", "pelvis_list", "pelvis_rotation"];
-        assert_eq!(goes_on(None), root);
+        assert_eq!(accumulates(None), root);
     }
 
     #[test]
-    fn a_head_is_as_long_whatever_it_counts() {
+    fn the_length_of_a_head_does_not_depend_on_its_count() {
         let head = header(&fixture::layout());
         for n_rows in [1, 99_999_999, MOST_ROWS] {
             let counted = with_rows(&head, n_rows).unwrap();

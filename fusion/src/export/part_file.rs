@@ -1,8 +1,10 @@
-//! A file of rows that outlives what the system refuses: it goes on in another part, and the parts are joined at the end.
+//! A file of rows that survives disk errors: it continues in another part, and the parts are joined
+//! at the end.
 //!
-//! A part is cut where the disk had all of it, and the next begins with what came after: read back from the system, which keeps
-//! what it could not write, or from the buffer. Nothing is in two parts. The parts of `poses_2.trc` are `poses_2-2.trc` and so
-//! on; a file whose parts cannot be joined leaves them under these names, each whole.
+//! A part is cut where the disk had all of it, and the next begins with the bytes after that. They
+//! are read back from the system, which keeps what it could not write, or from the buffer. No byte
+//! is in two parts. The parts of `poses_2.trc` are `poses_2-2.trc` and so on. If the parts of a
+//! file cannot be joined, each is kept complete under its name.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
@@ -14,7 +16,7 @@ use super::refusal::{Refusal, WriteError};
 use super::unfinished::{Unfinished, open_own, temporary};
 use super::whole::{Kind, make_whole};
 
-/// Parts of a file, at most: of a disk that refuses again and again something else has to be said than by files.
+/// Most parts of a file: a disk that fails more often needs another report.
 const MOST_PARTS: u32 = 999;
 
 /// A growing file of a run.
@@ -22,19 +24,19 @@ const MOST_PARTS: u32 = 999;
 pub(super) struct PartFile {
     path: PathBuf,
     kind: Kind,
-    /// What every part begins with; its counts are those of no rows.
+    /// Start of every part, with a count of no rows.
     head: String,
     disk: Arc<dyn DiskPolicy>,
-    /// The present part.
+    /// The current part.
     file: Unfinished,
     n_rows: u64,
-    /// How far the disk has it.
+    /// How far it is on the disk.
     settled: Settled,
     number: u32,
     ended: Vec<(PathBuf, Settled)>,
-    /// Bytes of rows before the present part, less those that its head takes.
+    /// Bytes of rows before the current part, minus those of its head.
     bytes_before: u64,
-    /// Whether the disk has not confirmed what it was given.
+    /// Whether the disk has not confirmed the data.
     is_unconfirmed: bool,
     n_lost: u64,
     refusals: Vec<Refusal>,
@@ -47,22 +49,22 @@ struct Settled {
     n_rows: u64,
 }
 
-/// What became of a file.
+/// The result of a file.
 #[derive(Debug, Default)]
 pub(super) struct Ended {
-    /// Bytes of whole rows from the beginning, over all parts, as [`PartFile::taken`] counts them.
+    /// Bytes of whole rows from the beginning, over all parts, as counted by [`PartFile::taken`].
     pub(super) bytes: u64,
-    /// Rows that the system took and did not give back.
+    /// Rows that the system accepted and lost.
     pub(super) n_lost: u64,
     pub(super) refusals: Vec<Refusal>,
     pub(super) failure: Option<WriteError>,
 }
 
 impl PartFile {
-    /// Begins `path` with `head`; where it cannot be made, its second part.
+    /// Begins `path` with `head`; if it cannot be created, begins its second part.
     ///
     /// # Errors
-    /// [`WriteError::Io`] when there is no place for any, and `disk` does not wait for one.
+    /// [`WriteError::Io`] if there is no room, and `disk` does not wait for any.
     pub(super) fn create(
         path: PathBuf,
         kind: Kind,
@@ -91,12 +93,12 @@ impl PartFile {
         })
     }
 
-    /// The name that the file will have.
+    /// The final name of the file.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Bytes that were written so far, over all parts.
+    /// Bytes written so far, over all parts.
     pub(super) fn taken(&self) -> u64 {
         self.bytes_before + self.file.taken()
     }
@@ -109,29 +111,29 @@ impl PartFile {
     /// Adds a whole row.
     ///
     /// # Errors
-    /// [`WriteError::Io`] when neither this part takes it nor another can be begun.
+    /// [`WriteError::Io`] if this part refuses it and no other can be begun.
     pub(super) fn add_row(&mut self, row: &[u8]) -> Result<(), WriteError> {
         let before = self.file.taken();
         if let Err(error) = self.file.write_all(row) {
-            self.go_on(before, row, error)?;
+            self.continue_in_new_part(before, row, error)?;
         }
         self.n_rows += 1;
         Ok(())
     }
 
-    /// Lets go of the file for a while: [`Unfinished::rest`].
+    /// Closes the file for a while: [`Unfinished::rest`].
     ///
     /// # Errors
     /// As [`Self::add_row`].
     pub(super) fn rest(&mut self) -> Result<(), WriteError> {
         match self.file.rest() {
             Ok(()) => Ok(()),
-            Err(error) => self.go_on(self.file.taken(), &[], error),
+            Err(error) => self.continue_in_new_part(self.file.taken(), &[], error),
         }
     }
 
-    /// Waits until the disk has all so far. Of a disk that confirms nothing, not even of a new part, that is reported once, and
-    /// the file goes on.
+    /// Waits until the disk has everything so far. If the disk does not confirm it, also not for a
+    /// new part, this is reported once, and the file continues.
     ///
     /// # Errors
     /// As [`Self::add_row`].
@@ -139,7 +141,7 @@ impl PartFile {
         let mut synced = self.file.sync();
         let is_known = self.is_unconfirmed && self.is_written();
         if !is_known && let Err(error) = synced {
-            self.go_on(self.file.taken(), &[], error)?;
+            self.continue_in_new_part(self.file.taken(), &[], error)?;
             synced = self.file.sync();
         }
         match synced {
@@ -172,15 +174,16 @@ impl PartFile {
         self.refusals.push(refusal);
     }
 
-    /// Goes on in a new part with what the disk has not confirmed of the present one up to byte `until`, and `more`.
-    fn go_on(&mut self, until: u64, more: &[u8], refused: io::Error) -> Result<(), WriteError> {
+    /// Continues in a new part with the unconfirmed bytes of the current one up to `until`, and
+    /// `more`.
+    fn continue_in_new_part(&mut self, until: u64, more: &[u8], refused: io::Error) -> Result<(), WriteError> {
         if is_full(&refused) || self.number >= MOST_PARTS {
             // The next part would find no room either.
             return Err(io_error(self.file.path(), refused));
         }
         let carried = match self.file.read_back(self.settled.bytes, until) {
             Ok(carried) => carried,
-            // What is still buffered, from its first whole row on.
+            // The buffered bytes, from the first whole row on.
             Err(_) => whole_rows_from(self.file.handed_over(), until, &self.file),
         };
         let content = [self.head.as_bytes(), &carried, more].concat();
@@ -191,7 +194,7 @@ impl PartFile {
         self.bytes_before += until - (self.head.len() + carried.len()) as u64;
         let ended = std::mem::replace(&mut self.file, file);
         let path = ended.path().to_owned();
-        // Where that fails it is done at the end once more.
+        // If this fails, it is done again at the end.
         drop(cut_to(&ended.leave(), self.settled.bytes));
         self.ended.push((path.clone(), self.settled));
         self.number = number;
@@ -208,7 +211,7 @@ impl PartFile {
         Ok(())
     }
 
-    /// Gives the file its name, with all of its parts in it; where these cannot be joined, each part its own.
+    /// Gives the file its name, with all its parts joined; if that fails, each part gets its own.
     pub(super) fn finish(mut self) -> Ended {
         let named = self.give_name();
         Ended {
@@ -226,7 +229,7 @@ impl PartFile {
             let counted = head.map_or(Ok(()), |head| self.file.overwrite_head(head.as_bytes()));
             match counted.and_then(|()| self.file.give_name()) {
                 Ok(()) => return Ok(()),
-                Err(error) => self.go_on(self.file.taken(), &[], error)?,
+                Err(error) => self.continue_in_new_part(self.file.taken(), &[], error)?,
             }
         }
         self.sync()?;
@@ -237,8 +240,8 @@ impl PartFile {
         self.join(&parts)
     }
 
-    /// Puts all parts into the first, or where that one takes nothing more into a new file. Where that fails too each part gets
-    /// its own name.
+    /// Appends all parts to the first, or to a new file if the first one refuses. If that fails
+    /// too, each part gets its own name.
     fn join(&self, parts: &[(PathBuf, Settled)]) -> Result<(), WriteError> {
         let Some(((first, settled), others)) = parts.split_first() else {
             return Ok(());
@@ -246,24 +249,24 @@ impl PartFile {
         let new = temporary(&part_path(&self.path, self.number + 1));
         let joined = self.append(&temporary(first), *settled, others);
         let joined = joined.or_else(|_| {
-            // What it has too much by then is cut off with its name.
+            // Surplus bytes are cut off when it gets its name.
             File::create_new(&new)?.write_all(self.head.as_bytes())?;
             self.append(&new, self.no_rows(), parts)
         });
         let Err(error) = joined else {
             for (part, _) in parts {
-                // What it holds is in the other; the first may be that one.
+                // Its rows are in the other file; the first part may be that file.
                 drop(fs::remove_file(temporary(part)));
             }
             return Ok(());
         };
-        // Parts that are whole are no loss.
+        // Complete parts are no loss.
         tracing::debug!(%error, file = %self.path.display(), "its parts are not joined");
         drop(fs::remove_file(new));
         self.name_each(parts)
     }
 
-    /// Adds the rows of `parts` to those of the temporary file `into`, and gives it the name of the whole.
+    /// Appends the rows of `parts` to the temporary file `into`, and gives it the final name.
     fn append(&self, into: &Path, of: Settled, parts: &[(PathBuf, Settled)]) -> io::Result<()> {
         #[cfg(test)]
         super::failing_disk::check(&self.path, super::failing_disk::Work::Join)?;
@@ -289,7 +292,7 @@ impl PartFile {
         }
     }
 
-    /// Gives all parts their own names; those without a row go.
+    /// Gives all parts their own names; deletes those without rows.
     fn name_each(&self, parts: &[(PathBuf, Settled)]) -> Result<(), WriteError> {
         let mut failed = Ok(());
         for (part, settled) in parts {
@@ -312,8 +315,8 @@ impl PartFile {
         fs::rename(from, to)
     }
 
-    /// Keeps what the system has taken, cut after the last whole row. What fails at that is known already, and what stays has a
-    /// name that says what it is.
+    /// Keeps the bytes that the system has, cut after the last whole row. Further errors are
+    /// ignored: the cause is already reported, and a remaining file has a temporary name.
     pub(super) fn cut(mut self) -> Ended {
         // There may be a little room by now.
         drop(self.file.rest());
@@ -329,7 +332,7 @@ impl PartFile {
     }
 }
 
-/// Begins a part of `path`, number `from` or the one after it, with `content`.
+/// Begins a part of `path`, with number `from` or higher, with `content`.
 fn begin(
     path: &Path,
     from: u32,
@@ -368,7 +371,7 @@ fn cut_to(file: &Path, n_bytes: u64) -> io::Result<()> {
     open_own(OpenOptions::new().write(true), file)?.set_len(n_bytes)
 }
 
-/// What of bytes `from` to `until` begins after the end of a row; nothing where they cannot be read either.
+/// The bytes `from` to `until` without a leading partial row; empty if they cannot be read.
 fn whole_rows_from(from: u64, until: u64, file: &Unfinished) -> Vec<u8> {
     let mut bytes = file.read_back(from, until).unwrap_or_default();
     let torn = bytes.iter().position(|&byte| byte == b'\n');

@@ -1,8 +1,8 @@
-//! The files of poses that a run leaves in its folder, written as the ticks come.
+//! The pose files in the folder of a run, written tick by tick.
 //!
-//! `poses.jsonl`, and per person `poses_<person>.trc` and `angles_<person>.mot`. They get their names
-//! in [`PoseFiles::finish`], also after a run that was cut short or whose disk took no more: what was written
-//! so far is whole.
+//! `poses.jsonl`, and per person `poses_<person>.trc` and `angles_<person>.mot`. They get their
+//! names in [`PoseFiles::finish`], also after an interrupted run or on a full disk: what was
+//! written so far is then complete.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
@@ -23,10 +23,10 @@ use super::whole::Kind;
 use super::{Layout, trc};
 use crate::body::stature::stature_m;
 
-/// When a person was there, and how tall.
+/// When a person was present, and its stature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Presence {
-    /// Who.
+    /// The person.
     pub person: PersonId,
     /// First tick with a pose.
     pub first_tick: Tick,
@@ -34,18 +34,19 @@ pub struct Presence {
     pub last_tick: Tick,
     /// Ticks with a pose.
     pub ticks: u64,
-    /// From the soles to the top of the head, by the link lengths of the last pose, metres: without shoes and hair.
+    /// Body height from the link lengths of the last pose, metres, without shoes and hair.
     pub stature_m: Option<f64>,
 }
 
-/// What a run's files have come to.
+/// The result of a run's files.
 #[derive(Debug, Default)]
 pub struct Written {
-    /// Who was there, by id, also at ticks that could not be written.
+    /// People who were present, by id, also at ticks that could not be written.
     pub people: Vec<Presence>,
-    /// Ticks whose poses are not in `poses.jsonl`, or not all; the files of persons may lack a few more.
+    /// Ticks whose poses are missing in `poses.jsonl`, or incomplete; the files of persons may lack
+    /// a few more.
     pub unwritten_ticks: u64,
-    /// Why not, or why a file has not got its name.
+    /// Why, or why a file did not get its name.
     pub failure: Option<WriteError>,
     /// The files that the system refused while they were written.
     pub refusals: Vec<Refusal>,
@@ -61,9 +62,9 @@ pub struct PoseFiles {
     lines: PartFile,
     persons: BTreeMap<PersonId, PersonFiles>,
     last: Option<Tick>,
-    /// What went wrong where nothing can go on; nothing is written after it.
+    /// The final error; nothing is written after it.
     failure: Option<WriteError>,
-    /// Per tick with lines that the system may not have yet: where they end.
+    /// Per tick whose lines the system may not have yet: where they end.
     unsettled: VecDeque<u64>,
     /// Ticks since the failure.
     refused_ticks: u64,
@@ -84,11 +85,11 @@ impl PersonFiles {
 }
 
 impl PoseFiles {
-    /// Starts `poses.jsonl` in `folder`, which must exist. `rate_hz` must be above 0; `disk` says what is
-    /// done when there is no room. Time counts from the first tick that is written, also one without anybody.
+    /// Starts `poses.jsonl` in `folder`, which must exist. `rate_hz` must be above 0; `disk`
+    /// handles disk errors. Time counts from the first written tick, also one without people.
     ///
     /// # Errors
-    /// [`WriteError::Io`] when the file cannot be made.
+    /// [`WriteError::Io`] if the file cannot be created.
     pub fn create(
         folder: impl Into<PathBuf>,
         layout: Layout,
@@ -117,23 +118,23 @@ impl PoseFiles {
         })
     }
 
-    /// The first tick of the run, where something has been written.
+    /// The first tick of the run, if something was written.
     pub fn first(&self) -> Option<Tick> {
         self.clock.first
     }
 
-    /// Lets time count from `first`, the first tick of the run; for files whose own first tick is a later one.
+    /// Counts time from `first`, the first tick of the run, for files that begin later.
     #[must_use]
     pub fn counting_from(mut self, first: Option<Tick>) -> Self {
         self.clock.first = first;
         self
     }
 
-    /// Writes the persons of one tick, by id. Ticks must rise. After a failure nothing is written any more:
-    /// ticks are counted.
+    /// Writes the persons of one tick, by id. Ticks must rise. After a failure nothing more is
+    /// written: ticks are counted.
     ///
     /// # Errors
-    /// [`WriteError::OutOfOrder`], or [`WriteError::Io`] when the disk does not take it.
+    /// [`WriteError::OutOfOrder`], or [`WriteError::Io`] for a disk error.
     pub fn write(&mut self, poses: &PoseSet) -> Result<(), &WriteError> {
         if self.failure.is_none()
             && let Err(error) = self.write_tick(poses)
@@ -220,7 +221,7 @@ impl PoseFiles {
         let presence = &mut files.presence;
         presence.last_tick = tick;
         presence.ticks += 1;
-        // The last lengths are the best: they are measured anew as a person is seen for longer.
+        // The last lengths are the best: they are remeasured as a person is seen for longer.
         presence.stature_m = stature_m(&pose.joints_m);
         Ok(())
     }
@@ -253,19 +254,19 @@ impl PoseFiles {
         })
     }
 
-    /// Waits until the disk has `poses.jsonl` as it is so far.
+    /// Waits until `poses.jsonl` as it is so far is on the disk.
     ///
     /// # Errors
-    /// [`WriteError::Io`]; nothing is written any more then.
+    /// [`WriteError::Io`]; nothing more is written then.
     pub fn sync_lines(&mut self) -> Result<(), &WriteError> {
         self.sync_with(|files| files.lines.sync())
     }
 
-    /// Waits until the disk has the files of persons as they are so far. Those who are not there at present
-    /// keep no handle.
+    /// Waits until the files of persons as they are so far are on the disk. Files of absent people
+    /// are closed.
     ///
     /// # Errors
-    /// [`WriteError::Io`]; nothing is written any more then.
+    /// [`WriteError::Io`]; nothing more is written then.
     pub fn sync_persons(&mut self) -> Result<(), &WriteError> {
         self.sync_with(|files| {
             let last = files.last;
@@ -276,7 +277,7 @@ impl PoseFiles {
                     each(person.both(), PartFile::rest)?;
                 }
             }
-            // The names of files that were begun since. Where the disk refuses that, it is asked for them again.
+            // The names of files created since. If the disk refuses, the next call syncs them.
             drop(sync_folder_of(files.lines.path()));
             Ok(())
         })
@@ -295,8 +296,8 @@ impl PoseFiles {
         }
     }
 
-    /// Gives all files their names. Where not everything could be written, they are cut after their last
-    /// whole line.
+    /// Gives all files their names. If not everything could be written, they are cut after their
+    /// last whole line.
     pub fn finish(mut self) -> Written {
         let is_synced = self.sync_lines().is_ok() && self.sync_persons().is_ok();
         let people = self.persons.values().map(|files| files.presence).collect();
@@ -316,7 +317,7 @@ impl PoseFiles {
         written
     }
 
-    /// All of it is on the disk. One file that gets no name keeps no other from it.
+    /// After a successful sync: a file that gets no name does not affect the others.
     fn name_all(self, written: &mut Written) {
         let lines = self.lines.finish();
         written.unwritten_ticks = lines.n_lost;
@@ -339,7 +340,7 @@ impl PoseFiles {
         }
     }
 
-    /// Keeps what the system has taken, and counts the ticks that are not in it.
+    /// Keeps what the system has, and counts the missing ticks.
     fn cut_all(self, written: &mut Written) {
         for files in self.persons.into_values() {
             written.add(files.trc.cut());

@@ -1,4 +1,4 @@
-//! What the files of a run hold, and what is left of a run that is given up.
+//! Contents of a run's files, also after an interrupted run.
 
 use std::fs;
 
@@ -61,7 +61,7 @@ fn a_run_leaves_lines_by_tick_and_person_and_two_files_per_person() {
 }
 
 #[test]
-fn all_files_of_a_run_have_its_clock_and_blank_rows_where_somebody_is_away() {
+fn files_share_one_clock_and_have_blank_rows_for_absences() {
     let (folder, presences) = written(&[
         (8, &[]),
         (9, &[]),
@@ -101,7 +101,7 @@ fn all_files_of_a_run_have_its_clock_and_blank_rows_where_somebody_is_away() {
 }
 
 #[test]
-fn who_was_away_for_hours_leaves_no_rows_of_them() {
+fn an_absence_of_hours_has_no_rows() {
     let hours = 8 * 3600 * 50;
     let (folder, _) = written(&[(0, &[1]), (hours, &[1, 2])]);
     let rows = |name: &str| {
@@ -117,7 +117,7 @@ fn who_was_away_for_hours_leaves_no_rows_of_them() {
 }
 
 #[test]
-fn nobody_leaves_an_empty_file_of_lines() {
+fn a_run_without_people_has_an_empty_file_of_lines() {
     let (folder, presences) = written(&[(0, &[])]);
     assert!(presences.is_empty());
     assert_eq!(
@@ -127,7 +127,7 @@ fn nobody_leaves_an_empty_file_of_lines() {
 }
 
 #[test]
-fn a_run_that_is_given_up_leaves_nothing_half_written() {
+fn an_abandoned_run_leaves_no_partial_files() {
     let folder = tempfile::tempdir().unwrap();
     let mut files = PoseFiles::create(
         folder.path(),
@@ -158,8 +158,8 @@ fn ticks_out_of_order_are_refused() {
     assert_eq!(error.to_string(), "tick 5 came after tick 5");
 }
 
-/// Writes so many ticks of two people, all synced every `sync_every` ticks, while the disk fails from tick 50 on; the
-/// files by name.
+/// Writes this many ticks of two people, all synced every `sync_every` ticks, while the disk fails
+/// from tick 50 on; returns the files by name.
 fn written_while(
     n_ticks: i64,
     sync_every: i64,
@@ -190,7 +190,7 @@ fn written_while(
 }
 
 #[test]
-fn an_error_of_the_disk_costs_no_row_of_any_file_and_is_reported_by_name() {
+fn a_disk_error_loses_no_row_and_is_reported() {
     // Symptom: one EIO, of a write or a sync, also on one person's TRC, ended all pose files of a run.
     use failing_disk::Work::{Sync, Write};
     let (sound, written) = written_while(400, 7, || ());
@@ -226,7 +226,7 @@ fn an_error_of_the_disk_costs_no_row_of_any_file_and_is_reported_by_name() {
 }
 
 #[test]
-fn a_disk_that_confirms_nothing_is_reported_once_and_has_all_rows() {
+fn an_unconfirming_disk_is_reported_once_and_has_all_rows() {
     let (sound, _) = written_while(200, 7, || ());
     let fail = || failing_disk::fail("poses", failing_disk::Work::Sync, u32::MAX);
     let (files, written) = written_while(200, 7, fail);
@@ -238,7 +238,7 @@ fn a_disk_that_confirms_nothing_is_reported_once_and_has_all_rows() {
 }
 
 #[test]
-fn parts_that_cannot_be_joined_keep_their_own_names_and_each_is_whole() {
+fn unjoined_parts_are_complete_under_their_own_names() {
     let folder = tempfile::tempdir().unwrap();
     let (layout, disk) = (fixture::layout(), Arc::new(GiveUp));
     let mut files = PoseFiles::create(folder.path(), layout, 50.0, RunEnd::Known, disk).unwrap();

@@ -1,4 +1,4 @@
-//! What a run that writes poses reports of files that were refused.
+//! Errors of written files.
 
 use std::fmt;
 use std::io;
@@ -15,13 +15,13 @@ pub enum WriteError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
     /// Ticks came out of order.
     #[error("tick {tick} came after tick {last}")]
     OutOfOrder {
-        /// The tick that came.
+        /// The current tick.
         tick: Tick,
         /// The last one written.
         last: Tick,
@@ -35,7 +35,7 @@ pub struct Refusal {
     pub file: String,
     /// The system's error.
     pub failure: String,
-    /// The part in which it went on; joined to it at the end of the run where the disk takes that.
+    /// The part in which it continues; at the end of the run it is joined if the disk allows it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub goes_on_in: Option<String>,
 }

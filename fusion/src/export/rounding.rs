@@ -1,12 +1,12 @@
 //! Numbers with a fixed count of decimals.
 
-/// How far an angle may lie beyond a bound and still be taken for the bound, radians: one within its
-/// range that went over the wire as f32 is off by at most 2^-24 of itself, below 4e-7 up to 2 pi.
+/// Distance beyond a bound at which an angle still counts as at the bound, radians: an f32 of an
+/// angle in its range is off by at most 2^-24 of itself, below 4e-7 up to 2 pi.
 const BEYOND_BOUND: f64 = 1e-6;
 
 /// Rounds to the nearest multiple of 10^-decimals; never -0.
 ///
-/// A value that is too large to have such decimals, or not finite, comes back as it is.
+/// A value that is too large for such decimals, or not finite, is returned unchanged.
 pub fn round(value: f64, decimals: u32) -> f64 {
     let scale = 10f64.powi(decimals.cast_signed());
     let scaled = (value * scale).round();
@@ -17,13 +17,13 @@ pub fn round(value: f64, decimals: u32) -> f64 {
     }
 }
 
-/// Up to here every integer is a f64.
+/// Every integer up to here is an f64.
 const MAX_EXACT: f64 = 9_007_199_254_740_992.0;
 
-/// Puts `value` on the bound of `range` that it lies a little beyond.
+/// Moves `value` to the bound of `range` if it is slightly beyond it.
 ///
-/// A value that lies beyond by more than f32 explains comes back as it is: drawing it in would hide
-/// a fault.
+/// A value beyond by more than the error of f32 is returned unchanged: moving it would hide a
+/// fault.
 pub fn draw_in(value: f64, range: [f64; 2]) -> f64 {
     let [low, high] = range;
     if value < low - BEYOND_BOUND || value > high + BEYOND_BOUND {
@@ -32,8 +32,8 @@ pub fn draw_in(value: f64, range: [f64; 2]) -> f64 {
     value.clamp(low, high)
 }
 
-/// Rounds a value inside `range` as [`round`] does, but towards the inside where the nearest multiple
-/// lies beyond a bound. A value outside is rounded as any other.
+/// Rounds a value inside `range` like [`round`], but inward if the nearest multiple is beyond a
+/// bound. A value outside is rounded like any other.
 pub fn round_inward(value: f64, decimals: u32, range: [f64; 2]) -> f64 {
     let [low, high] = range;
     if !(low..=high).contains(&value) {
@@ -41,7 +41,7 @@ pub fn round_inward(value: f64, decimals: u32, range: [f64; 2]) -> f64 {
     }
     let scale = 10f64.powi(decimals.cast_signed());
     let mut steps = (value * scale).round();
-    // The quotient is what a reader of the decimals gets, so that the comparison is theirs.
+    // A reader of the decimals gets this quotient, so it is the one to compare.
     if steps / scale > high {
         steps -= 1.0;
     } else if steps / scale < low {
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bound_between_two_decimals_is_not_left() {
+    fn rounding_does_not_leave_a_bound_between_decimals() {
         let high = 145.0f64.to_radians(); // 2.530727415...
         assert_eq!(round_inward(high, 6, [0.0, high]).to_string(), "2.530727");
         let low = (-20.0f64).to_radians(); // -0.3490658503...
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_left_its_range_is_shown_as_it_is() {
+    fn a_value_outside_its_range_is_unchanged() {
         assert_eq!(
             round_inward(draw_in(1.01, [0.0, 1.0]), 6, [0.0, 1.0]).to_string(),
             "1.01"
@@ -83,7 +83,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_was_inside_before_f32_is_inside_after_writing(
+        fn values_inside_before_f32_are_inside_after_writing(
             low in -3.2f64..0.0, width in 0.01f64..3.0, part in 0.0f64..=1.0, pick in 0u8..4,
         ) {
             let range = [low, low + width];

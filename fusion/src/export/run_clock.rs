@@ -1,17 +1,18 @@
-//! One clock for all files of a run, and which ticks have rows there.
+//! One clock for all files of a run, and the ticks that have rows.
 
 use std::ops::Range;
 
 use farfield_proto::tick::Tick;
 
-/// An absence longer than this leaves no rows, seconds: only runs that go on for days have such, and every row is bytes.
+/// An absence longer than this has no rows, seconds: only runs of days have such, and every row
+/// takes space.
 const LONGEST_ABSENCE_S: f64 = 3600.0;
 
 /// The clock of a run's files: seconds since its first tick.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RunClock {
     pub(super) rate_hz: f64,
-    /// `None` before it.
+    /// `None` before the first tick.
     pub(super) first: Option<Tick>,
     pub(super) end: RunEnd,
 }
@@ -25,7 +26,7 @@ impl RunClock {
         }
     }
 
-    /// The first tick of the run, which is `tick` if there was none yet.
+    /// The first tick of the run, or `tick` if there was none yet.
     pub(super) fn first_at(&self, tick: Tick) -> Tick {
         self.first.unwrap_or(tick)
     }
@@ -45,11 +46,12 @@ impl RunClock {
     }
 }
 
-/// What becomes of those who left before the end of a run.
+/// Rows after the last pose of people who left before the end of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RunEnd {
-    /// Their TRC files have rows up to it.
+    /// Their TRC files have rows up to the end.
     Known,
-    /// Their files end with their last pose: the run may go on for months, and must end at once when it is told to.
+    /// Their files end with their last pose: the run may last for months, and must be able to end
+    /// at once.
     Open,
 }

@@ -1,6 +1,7 @@
-//! Makes whole what a run has left in its folder that was killed.
+//! Completes the files that a killed run left in its folder.
 //!
-//! What is whole already, and what is none of a run's, is left alone: to be told to do so twice does no harm.
+//! Complete files, and files that do not belong to a run, are not changed: repeating it is
+//! harmless.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -9,20 +10,21 @@ use super::refusal::WriteError;
 use super::unfinished::{SUFFIX, sync_folder_of};
 use super::whole::{Kind, make_whole};
 
-/// The folder of the smoothed poses in that of a run.
+/// Name of the folder of smoothed poses in that of a run.
 pub const SMOOTH: &str = "smooth";
 
-/// Makes whole what a run has left in `folder` and in its folder of smoothed poses; returns the files that
-/// have got their names.
+/// Completes the files of a run in `folder` and in its folder of smoothed poses; returns the files
+/// that got their names.
 ///
 /// # Errors
-/// [`WriteError::Io`] of the first file that could not be made whole, when the others are.
+/// [`WriteError::Io`] of the first file that could not be completed, after all others.
 pub fn salvage(folder: &Path) -> Result<Vec<PathBuf>, WriteError> {
     let mut named = Vec::new();
     let mut failed = None;
     let smooth = folder.join(SMOOTH);
     for folder in [folder.to_owned(), smooth.clone()] {
-        // What a link leads to is not this run's, except where the folder itself was named by one.
+        // The target of a link does not belong to this run, unless the folder itself was given as
+        // one.
         let is_link = folder == smooth && folder.is_symlink();
         let left = if is_link {
             Err(io::Error::other(
@@ -48,7 +50,7 @@ pub fn salvage(folder: &Path) -> Result<Vec<PathBuf>, WriteError> {
                 Err(source) => drop(failed.get_or_insert(WriteError::Io { path, source })),
             }
         }
-        // Not every file system can sync a folder; the files are whole all the same.
+        // Not every file system can sync a folder; the files are complete all the same.
         drop(sync_folder_of(&folder.join("poses.jsonl")));
     }
     match failed {
@@ -100,7 +102,7 @@ mod tests {
             .collect()
     }
 
-    /// The whole files of a run of so many ticks of one person.
+    /// The complete files of a run with this many ticks of one person.
     fn run_of(n_ticks: i64) -> BTreeMap<String, Vec<u8>> {
         let folder = tempfile::tempdir().unwrap();
         let layout = fixture::layout();
@@ -115,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn a_head_that_the_disk_has_lost_is_left_as_it_is() {
+    fn a_lost_head_is_not_changed() {
         let folder = tempfile::tempdir().unwrap();
         let damaged = b"PathFileType\t4\t\xff\xfe\n2\n3\n4\n5\n1\t0.0\n";
         let endless = [b"Coordinates\n".to_vec(), vec![b'\n'; 2 << 20]].concat();
@@ -135,14 +137,14 @@ mod tests {
     }
 
     #[test]
-    fn a_file_cut_at_any_byte_is_that_of_a_run_that_ended_there() {
+    fn a_file_cut_at_any_byte_equals_that_of_a_shorter_run() {
         const TICKS: i64 = 3;
         let whole = run_of(TICKS);
         let shorter: Vec<_> = (0..TICKS).map(run_of).collect();
         let folder = tempfile::tempdir().unwrap();
         for (name, text) in &whole {
-            // As it is left: the head counts nothing yet.
-            let as_left = match Kind::of(name).unwrap() {
+            // As a killed run leaves it: the head has no count yet.
+            let as_left = match Kind::from_name(name).unwrap() {
                 Kind::Lines | Kind::Summary => text.clone(),
                 kind => {
                     let lines = WholeLines::read(text.as_slice(), kind).unwrap();
@@ -153,12 +155,12 @@ mod tests {
             };
             for end in 0..=as_left.len() {
                 let mut torn = as_left[..end].to_vec();
-                // Zeros where the disk got the length of the file and not its bytes.
+                // Zeros if the disk got the length of the file and not its bytes.
                 torn.resize(end + end % 3, 0);
                 fs::write(folder.path().join(name.clone() + SUFFIX), torn).unwrap();
                 salvage(folder.path()).unwrap();
                 let found = contents(folder.path());
-                // A run of no ticks has no person, and a file without a line says nothing.
+                // A run without ticks has no person, and a file without lines is deleted.
                 let runs = [&whole].into_iter().chain(shorter.iter().rev());
                 let mut texts = runs.filter_map(|run| run.get(name));
                 let expected = texts.find(|text| text.len() <= end && !text.is_empty());
@@ -172,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn what_links_lead_to_is_left_alone_and_the_link_is_named() {
+    fn targets_of_links_are_not_changed_and_the_link_is_reported() {
         use std::os::unix::fs::symlink;
         let (folder, outside) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let theirs = outside.path().join("poses.jsonl.tmp");
@@ -197,14 +199,14 @@ mod tests {
     }
 
     #[test]
-    fn only_what_a_run_has_begun_is_touched() {
+    fn only_files_of_a_run_are_changed() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         fs::create_dir(path(SMOOTH)).unwrap();
         let kept = [
             ("poses.jsonl", "whole\ntorn"),
             ("overlay_a_3.png.tmp", "half a picture"),
-            // Of a farfield that wrote heads last.
+            // From an older farfield that wrote heads last.
             ("poses_1.trc.tmp", "1\t0.0\t2.0\n2\t0.1\t2.0\n3\n4\n5\n6\n"),
             ("angles_1.mot.tmp", "0.0\t2.0\n0.1\t2.0\n"),
         ];
@@ -222,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_summary_that_was_written_gets_its_name_and_room_for_one_goes() {
+    fn a_written_summary_gets_its_name_and_reserved_room_is_deleted() {
         let folder = tempfile::tempdir().unwrap();
         let left = folder.path().join("summary.json.tmp");
         let room = " ".repeat(100);

@@ -1,7 +1,7 @@
-//! `summary.json`: what a run did.
+//! `summary.json`: the summary of a run.
 //!
-//! Two equal lock-step runs give equal summaries but for [`Summary::timing`]: whatever a clock, a
-//! socket or another process has a say in belongs there.
+//! Two equal lock-step runs give equal summaries except for [`Summary::timing`]: values that depend
+//! on a clock, a socket or another process belong there.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use super::pose_files::Presence;
 use super::refusal::Refusal;
 use crate::camera_agreement::AgreementReport;
 
-/// A run, as `summary.json` tells it.
+/// A run in `summary.json`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Summary {
     /// Name of the venue.
@@ -26,21 +26,21 @@ pub struct Summary {
     pub calibration_hash: String,
     /// Ticks per second.
     pub rate_hz: f64,
-    /// Whether the run came to its end, or was interrupted.
+    /// Whether the run reached its end, or was interrupted.
     pub complete: bool,
-    /// What was worked on.
+    /// The processed ticks.
     pub ticks: TickSpan,
-    /// Who was there, by id.
+    /// The people, by id.
     pub people: Vec<PersonSummary>,
-    /// How often which event changed who is who.
+    /// Counts of identity events.
     #[serde(default)]
     pub events: EventCounts,
-    /// Whether the cameras agree with each other, by what they showed lately; and what does not fit.
+    /// Whether the cameras agree, by recent data, and what does not fit.
     #[serde(default)]
     pub agreement: AgreementReport,
-    /// Per viewpoint, what went over its link.
+    /// Per viewpoint, the traffic of its link.
     pub links: BTreeMap<String, LinkSummary>,
-    /// What was lost, over all links.
+    /// Lost data, over all links.
     pub drops: DropSummary,
     /// Per node that runs a network: the inference backend.
     pub backends: BTreeMap<String, String>,
@@ -48,11 +48,11 @@ pub struct Summary {
     pub models: BTreeMap<String, String>,
     /// Per program and library: its version.
     pub versions: BTreeMap<String, String>,
-    /// All that may differ between two equal runs.
+    /// Everything that may differ between two equal runs.
     pub timing: TimingSummary,
 }
 
-/// The ticks of a run, `end` not among them.
+/// The ticks of a run, without `end`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct TickSpan {
     /// First tick.
@@ -74,7 +74,7 @@ pub struct PersonSummary {
     pub last_tick: Tick,
     /// Ticks with a pose.
     pub ticks: u64,
-    /// From the soles to the top of the head, by the link lengths that the run settled on, metres: without shoes and hair.
+    /// Body height from the final link lengths of the run, metres, without shoes and hair.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stature_m: Option<f64>,
 }
@@ -95,7 +95,7 @@ fn to_millimetre(length_m: f64) -> f64 {
     (1000.0 * length_m).round() / 1000.0
 }
 
-/// How often which event happened, by its kind and reason: `drop/outside_field`.
+/// Counts of events, by kind and reason: `drop/outside_field`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct EventCounts(BTreeMap<String, u64>);
@@ -113,7 +113,7 @@ impl EventCounts {
     }
 }
 
-/// Messages and payload bytes of one viewpoint's link, without what the protocol adds.
+/// Messages and payload bytes of one viewpoint's link, without protocol overhead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct LinkSummary {
     /// Patch messages that fusion received.
@@ -132,29 +132,29 @@ pub struct LinkSummary {
     pub box_bytes: u64,
 }
 
-/// What did not make it.
+/// Lost data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct DropSummary {
     /// Messages that could not be read.
     pub unreadable: u64,
-    /// Patches that could be read, but made no sense: of a person or camera that is not there.
+    /// Patches that could be read, but were invalid: of an unknown person or camera.
     pub unusable: u64,
     /// Patch messages that came after their tick was closed.
     pub late: u64,
-    /// Live: ticks of which nothing came in time from an edge that had begun to speak.
+    /// Live: ticks without timely messages from an edge that had started sending.
     pub missing: u64,
-    /// Live: messages of strangers, of another session, of refused edges, or repeated.
+    /// Live: messages of unknown senders, of another session, of refused edges, or repeated.
     #[serde(default)]
     pub refused: u64,
     /// Live: messages that fusion had no room to send.
     #[serde(default)]
     pub unsent: u64,
-    /// Live: patches that were left out because their ticks would have cost more than their time.
+    /// Live: patches that were skipped because their ticks would have taken too long.
     #[serde(default)]
     pub shed: u64,
 }
 
-/// What a clock measured.
+/// Measurements of a clock.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct TimingSummary {
     /// From the first tick to the last, seconds.
@@ -163,23 +163,24 @@ pub struct TimingSummary {
     pub ticks_per_s: f64,
     /// Per stage of a tick: how long it took.
     pub stages: BTreeMap<String, StageTiming>,
-    /// Per viewpoint: which share of its edge's work went into detection passes, 0 to 1.
+    /// Per viewpoint: the share of its edge's work in detection passes, 0 to 1.
     pub look_share: BTreeMap<String, f64>,
-    /// Per viewpoint of a live run: ticks that its edge did not work on though it should have; those that missed none are not named.
+    /// Per viewpoint of a live run: ticks that its edge should have processed and did not;
+    /// viewpoints without such are omitted.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub missed_ticks: BTreeMap<String, u64>,
-    /// Per viewpoint: bytes on the wire with protocol overhead, where they can be measured.
+    /// Per viewpoint: bytes on the wire with protocol overhead, if they can be measured.
     pub link_bytes_on_wire: BTreeMap<String, u64>,
-    /// Per camera of a live run, as its edge described it last.
+    /// Per camera of a live run: the last report of its edge.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub cameras: BTreeMap<String, CameraSummary>,
-    /// How the target latency was kept, where one was set.
+    /// How the target latency was kept, if one was set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_latency: Option<TargetLatencySummary>,
-    /// What the files lack, where the disk did not take all poses.
+    /// What the files lack, if not all poses were written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PosesSummary>,
-    /// The recording, where one was made.
+    /// The recording, if one was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecordingSummary>,
 }
@@ -189,38 +190,40 @@ pub struct TimingSummary {
 pub struct TargetLatencySummary {
     /// From the pictures of a tick to its poses, milliseconds.
     pub target_ms: f64,
-    /// Share of the ticks with patches whose poses were out in time, 0 to 1.
+    /// Share of the ticks with patches whose poses were published in time, 0 to 1.
     pub in_time: f64,
-    /// By viewpoint: the share of the ticks that its patches would have come to without the target, and did not, 0 to 1; those of
-    /// which all came are not named.
+    /// By viewpoint: the share of the ticks whose patches were skipped because of the target, 0 to
+    /// 1; viewpoints without such are omitted.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub left_out: BTreeMap<String, f64>,
 }
 
-/// How a camera did.
+/// A camera's state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraSummary {
-    /// How it was at the end.
+    /// The health at the end.
     pub health: CameraHealth,
     /// Frames per second at the end.
     pub frames_per_s: f32,
     /// How often it stopped working.
     pub troubles: u32,
-    /// Why it gave no pictures when it last gave none.
+    /// Why it gave no pictures the last time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
 
-/// What the files of poses lack.
+/// What the pose files lack.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct PosesSummary {
-    /// Ticks whose poses are not in `poses.jsonl`, or not all; the files of persons may lack a few more.
+    /// Ticks whose poses are missing in `poses.jsonl`, or incomplete; the files of persons may lack
+    /// a few more.
     pub unwritten_ticks: u64,
-    /// The same of the smoothed poses.
+    /// The same for the smoothed poses.
     pub unwritten_smoothed_ticks: u64,
-    /// The system's error; `None`: the disk was too slow, or nothing is missing.
+    /// The system's error; `None` if the disk was too slow, or nothing is missing.
     pub failure: Option<String>,
-    /// Files that the system refused while they were written: nothing is missing where they go on in another part.
+    /// Files that the system refused while they were written: nothing is missing if they continue
+    /// in another part.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub refused: Vec<Refusal>,
 }
@@ -232,19 +235,19 @@ impl PosesSummary {
     }
 }
 
-/// What a recording came to.
+/// The result of a recording.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordingSummary {
     /// The file.
     pub file: PathBuf,
-    /// Messages that came faster than the disk took them, and are not in it.
+    /// Messages that were lost because the disk was too slow.
     pub lost: u64,
     /// Messages in it that an edge delivered after an outage.
     pub filled: u64,
-    /// Ticks of which it lacks sets, summed over the viewpoints: they came neither in time nor late, and
-    /// no edge delivered them afterwards. Ticks that a viewpoint leaves out by its rate are none.
+    /// Ticks with missing sets, summed over the viewpoints: they came neither in time nor late, and
+    /// no edge delivered them afterwards. Ticks that a viewpoint skips by its rate do not count.
     pub holes: u64,
-    /// Why it ended before the run did.
+    /// Why it ended before the run.
     pub failure: Option<String>,
 }
 
@@ -272,7 +275,7 @@ impl Summary {
         text
     }
 
-    /// The same in fewer bytes, for a place that has no more.
+    /// The same in fewer bytes, for places with less room.
     #[expect(clippy::missing_panics_doc, reason = "see the message")]
     pub fn to_short_json(&self) -> String {
         let mut text = serde_json::to_string(self)
@@ -305,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn what_clocks_measure_stays_in_timing() {
+    fn measurements_of_clocks_are_under_timing() {
         let slow = TimingSummary {
             elapsed_s: 9.0,
             ..TimingSummary::default()

@@ -1,11 +1,12 @@
 //! TRC, the marker file that OpenSim and Pose2Sim share.
 //!
 //! Metres, y up: TRC (x, y, z) = world (y, z, x). Markers are [`Layout::markers`]. `Frame#` is the
-//! venue's tick, so that the files of several persons can be laid side by side; time starts at 0 with
-//! the run's first tick, as in all files of a run. `Orig...` of the header say which ticks of the run the rows are of: these
-//! themselves, or other ones where an export has another rate. Every tick has a row. What is not known is blank: the whole row of a
-//! tick without a pose, and a marker that may be anywhere. OpenSim 4 reads blanks as missing markers, but
-//! refuses rows that end in one, so that a row's last cell is `NaN` then.
+//! venue's tick, so that the files of several persons can be compared. Time starts at 0 with the
+//! run's first tick, as in all files of a run. `Orig...` in the header give the ticks of the run
+//! that the rows are made from: the same, or other ones in an export with another rate. Every tick
+//! has a row. Unknown values are blank: the whole row of a tick without a pose, and markers without
+//! a known place. OpenSim 4 reads blanks as missing markers, but refuses rows that end in one, so
+//! the last cell of such a row is `NaN`.
 
 use std::fmt::Write as _;
 
@@ -20,12 +21,12 @@ use crate::body::determined::UNKNOWN_M;
 /// Decimals of the time column, seconds.
 pub(super) const TIME_DECIMALS: usize = 6;
 
-/// How a header begins.
+/// First word of a header.
 pub(super) const FIRST_WORD: &str = "PathFileType";
 /// Lines of a header.
 pub(super) const HEAD_LINES: usize = 5;
 
-/// The ticks of a run that the rows of a file are of.
+/// The ticks of a run that the rows of a file are made from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OriginalTicks {
     /// Ticks per second.
@@ -34,8 +35,8 @@ pub struct OriginalTicks {
     pub first: Tick,
 }
 
-/// The five header lines, of no rows so far; [`with_rows`] counts them in as many bytes. `file_name` is what
-/// the file calls itself, `rate_hz` how many rows a second has.
+/// The five header lines, with no rows so far; [`with_rows`] sets the counts in the same number of
+/// bytes. `file_name` is the name in the file, `rate_hz` the rows per second.
 pub fn header(layout: &Layout, file_name: &str, rate_hz: f64, original: OriginalTicks) -> String {
     let OriginalTicks {
         rate_hz: original_hz,
@@ -58,13 +59,14 @@ pub fn header(layout: &Layout, file_name: &str, rate_hz: f64, original: Original
     with_rows(&longest, 0).unwrap_or(longest)
 }
 
-/// `head` with its number of rows, one per tick; as long as before, by tabs at the end of the first line, which readers
-/// take for empty cells. `None`: it is no header of ours, or has no room for the number.
+/// `head` with its number of rows, one per tick; the length stays equal, by tabs at the end of the
+/// first line, which readers take for empty cells. `None` if it is not our header, or has no room
+/// for the number.
 pub fn with_rows(head: &str, n_rows: u64) -> Option<String> {
     with_rows_of_ticks(head, n_rows, n_rows)
 }
 
-/// The same of a file whose rows are made of another number of ticks.
+/// The same for a file whose rows are made from another number of ticks.
 pub fn with_rows_of_ticks(head: &str, n_rows: u64, n_ticks: u64) -> Option<String> {
     let mut lines: Vec<&str> = head.split('\n').collect();
     let counts = [n_rows, n_ticks].map(|count| count.to_string());
@@ -104,10 +106,10 @@ pub fn row(layout: &Layout, tick: Tick, time_s: f64, pose: Option<&PersonPose>) 
     text
 }
 
-/// The cells of a marker of which nothing is known.
+/// The cells of an unknown marker.
 const BLANK: &str = "\t\t\t";
 
-/// Adds the cells of a point in world metres, of which a standard deviation may be known.
+/// Adds the cells of a point in world metres; `sigma_m` is its standard deviation, if known.
 fn push_marker(text: &mut String, at_m: Option<&[f32; 3]>, sigma_m: Option<&f32>) {
     let is_unknown = sigma_m.is_some_and(|&sigma_m| sigma_m > UNKNOWN_M);
     let Some(&[x, y, z]) = at_m.filter(|_| !is_unknown) else {
@@ -138,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_as_pose2sim_writes_it() {
+    fn a_file_has_the_form_of_pose2sim() {
         let layout = fixture::layout();
         let pose = fixture::pose(1, PersonState::Tracked);
         let head = head(&layout, 300);
@@ -163,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_marker_that_may_be_anywhere_is_blank_and_one_that_nothing_determines_is_left_out() {
+    fn unknown_markers_are_blank_and_undetermined_ones_omitted() {
         let mut layout = fixture::layout();
         let mut pose = fixture::pose(1, PersonState::Coasting);
         pose.sigma_m = vec![0.02, 0.3];
@@ -182,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_head_is_as_long_whatever_it_counts() {
+    fn the_length_of_a_head_does_not_depend_on_its_count() {
         let head = head(&fixture::layout(), 300);
         for n_rows in [1, 99_999_999, MOST_ROWS] {
             let counted = with_rows(&head, n_rows).unwrap();
@@ -195,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_head_of_another_rate_says_what_its_rows_are_made_of() {
+    fn a_head_of_another_rate_has_the_original_ticks() {
         let original = OriginalTicks {
             rate_hz: 60.0,
             first: Tick(300),

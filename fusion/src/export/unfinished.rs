@@ -1,4 +1,4 @@
-//! Files that appear under their name only when they are whole, and are on the disk when they have it.
+//! Files that get their name only when they are complete and on the disk.
 
 use std::fs::{self, File, OpenOptions};
 use std::hash::{BuildHasher as _, DefaultHasher, Hash as _, Hasher as _, RandomState};
@@ -10,26 +10,26 @@ use std::time::Duration;
 
 use super::disk_policy::{DiskPolicy, GiveUp, is_full, patiently};
 
-/// What a file is called until it is whole: its own name with this behind it.
+/// Suffix of a file's temporary name.
 pub(super) const SUFFIX: &str = ".tmp";
-/// How often another name is tried where one is taken, which is by a chance that does not come twice.
+/// How often another name is tried if one exists; random names hardly ever collide twice.
 const MOST_NAMES: u32 = 8;
-/// A file of another container or machine that nobody has written to for so long is of nobody who still writes: whether its process
+/// Age after which a file of another container or machine counts as abandoned: whether its process
 /// is alive cannot be seen from here.
 const LEFT_FOR: Duration = Duration::from_hours(1);
 
-/// A file being written. Dropped before [`Unfinished::finish`], it is taken away again.
+/// A file being written. If it is dropped before [`Unfinished::finish`], it is deleted.
 #[derive(Debug)]
 pub struct Unfinished {
     path: PathBuf,
     disk: Arc<dyn DiskPolicy>,
-    /// `None` while it rests.
+    /// `None` while it is closed.
     writer: Option<BufWriter<PatientFile>>,
-    /// Bytes that were written, buffered ones among them.
+    /// Bytes written, including buffered ones.
     taken: u64,
     /// Whether the system has bytes that may not be on the disk.
     unsynced: bool,
-    /// Whether the temporary file is to stay, or is gone.
+    /// Whether the temporary file shall stay, or is gone.
     settled: bool,
 }
 
@@ -37,13 +37,13 @@ impl Unfinished {
     /// Starts the file that will be `path`.
     ///
     /// # Errors
-    /// When the temporary file cannot be made, or is there: someone else writes it, or did so and was
-    /// killed.
+    /// If the temporary file cannot be created, or exists: another process writes it, or did so and
+    /// was killed.
     pub fn create(path: impl Into<PathBuf>) -> io::Result<Self> {
         Self::create_on(path, Arc::new(GiveUp))
     }
 
-    /// The same, where `disk` says what is done when there is no room.
+    /// The same with a handler of disk errors, `disk`.
     ///
     /// # Errors
     /// As [`Self::create`].
@@ -62,27 +62,27 @@ impl Unfinished {
         })
     }
 
-    /// The name that the file will have.
+    /// The final name of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Bytes that were written so far.
+    /// Bytes written so far.
     pub fn taken(&self) -> u64 {
         self.taken
     }
 
-    /// How many of them the system has: a process that is killed loses the others.
+    /// How many of them the system has: a killed process loses the others.
     pub fn handed_over(&self) -> u64 {
         let buffered = self.writer.as_ref().map_or(0, |w| w.buffer().len());
         self.taken.saturating_sub(buffered as u64)
     }
 
-    /// Writes out what is buffered and lets go of the file for a while, so that files which are
-    /// seldom written to do not use up the system's handles. Writing takes it up again.
+    /// Writes the buffer and closes the file for a while, so that rarely written files do not use
+    /// up the system's handles. Writing opens it again.
     ///
     /// # Errors
-    /// When the buffered bytes cannot be written.
+    /// If the buffered bytes cannot be written.
     pub fn rest(&mut self) -> io::Result<()> {
         let Some(writer) = self.writer.take() else {
             return Ok(());
@@ -94,11 +94,10 @@ impl Unfinished {
         })
     }
 
-    /// Writes out what is buffered, and waits until the disk has it: a power cut loses only what comes
-    /// after.
+    /// Writes the buffer, and waits until it is on the disk: a power cut loses only later data.
     ///
     /// # Errors
-    /// When the buffered bytes cannot be written.
+    /// If the buffered bytes cannot be written.
     pub fn sync(&mut self) -> io::Result<()> {
         if self.unsynced {
             self.awake()?.flush()?;
@@ -107,16 +106,16 @@ impl Unfinished {
         Ok(())
     }
 
-    /// Gives the file its name; what was there under it is replaced.
+    /// Gives the file its name; replaces an existing file.
     ///
     /// # Errors
-    /// When the last bytes cannot be written, or the file not be renamed.
+    /// If the last bytes cannot be written, or the file cannot be renamed.
     pub fn finish(mut self) -> io::Result<()> {
         self.give_name()?;
         sync_folder_of(&self.path)
     }
 
-    /// The same without waiting for the folder: who finishes several files does so once.
+    /// The same without waiting for the folder, for callers that finish several files.
     pub(super) fn give_name(&mut self) -> io::Result<()> {
         self.sync()?;
         self.rest()?;
@@ -125,20 +124,21 @@ impl Unfinished {
         Ok(())
     }
 
-    /// Writes `head` over the first bytes, for formats whose header counts the rows. Takes no room.
+    /// Overwrites the first bytes with `head`, for formats whose header has the number of rows.
+    /// Takes no room.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// If it cannot be written.
     pub(super) fn overwrite_head(&mut self, head: &[u8]) -> io::Result<()> {
         self.rest()?;
         self.unsynced = true;
         overwrite(&temporary(&self.path), head)
     }
 
-    /// What was written from byte `from` to byte `until`, also what is still buffered.
+    /// Reads the bytes from `from` to `until`, also buffered ones.
     ///
     /// # Errors
-    /// When the system does not give back what it has taken.
+    /// If the system does not return bytes that it accepted.
     pub(super) fn read_back(&self, from: u64, until: u64) -> io::Result<Vec<u8>> {
         let handed_over = self.handed_over();
         let mut bytes = Vec::new();
@@ -161,24 +161,24 @@ impl Unfinished {
         }
     }
 
-    /// Leaves the temporary file as the system has it, without what is buffered; returns its path.
+    /// Leaves the temporary file as the system has it, without the buffer; returns its path.
     pub(super) fn leave(mut self) -> PathBuf {
         self.forget_buffered();
         self.settled = true;
         temporary(&self.path)
     }
 
-    /// Leaves the temporary file with all that was written, for who names it; returns the name that it would have got.
+    /// Leaves the complete temporary file for the caller to rename; returns its final name.
     ///
     /// # Errors
-    /// When the buffered bytes cannot be written.
+    /// If the buffered bytes cannot be written.
     pub(super) fn leave_in_place(&mut self) -> io::Result<PathBuf> {
         self.rest()?;
         self.settled = true;
         Ok(self.path.clone())
     }
 
-    /// Dropped, a buffer would try once more.
+    /// A dropped buffer would try to write again.
     fn forget_buffered(&mut self) {
         if let Some(writer) = self.writer.take() {
             drop(writer.into_parts());
@@ -214,17 +214,18 @@ impl Drop for Unfinished {
     fn drop(&mut self) {
         self.forget_buffered();
         if !self.settled {
-            // Nobody is left to tell: at worst a file stays that says by its name what it is.
+            // There is no caller to report to: at worst a file with a temporary name remains.
             drop(fs::remove_file(temporary(&self.path)));
         }
     }
 }
 
-/// A file of which every write is tried for as long as its disk says; flushed, it is on the disk.
+/// A file whose writes are retried while its disk policy allows it. After a flush, the data is on
+/// the disk.
 #[derive(Debug)]
 pub struct PatientFile {
     file: File,
-    /// What it is called when it finds no room.
+    /// Its name in reports.
     path: PathBuf,
     disk: Arc<dyn DiskPolicy>,
 }
@@ -240,7 +241,7 @@ impl PatientFile {
 impl Write for PatientFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let Self { file, path, disk } = self;
-        // Buffers do that themselves.
+        // Buffers handle interrupts themselves.
         let may_pass = |error: &io::Error| error.kind() != ErrorKind::Interrupted;
         patiently(&**disk, path, may_pass, || {
             #[cfg(test)]
@@ -251,7 +252,7 @@ impl Write for PatientFile {
 
     fn flush(&mut self) -> io::Result<()> {
         let Self { file, path, disk } = self;
-        // A second sync would say that all is well: the system reports once what it could not write.
+        // A second sync would succeed: the system reports lost writes only once.
         patiently(&**disk, path, is_full, || {
             #[cfg(test)]
             super::failing_disk::check(path, super::failing_disk::Work::Sync)?;
@@ -260,7 +261,7 @@ impl Write for PatientFile {
     }
 }
 
-/// What is no file on a disk (a pipe, `/dev/full`) has nothing to wait for.
+/// A file that is not on a disk (a pipe, `/dev/full`) needs no sync.
 fn sync(file: &File) -> io::Result<()> {
     match file.sync_data() {
         Err(error)
@@ -275,17 +276,17 @@ fn sync(file: &File) -> io::Result<()> {
     }
 }
 
-/// Writes `head` over the first bytes of `file`.
+/// Overwrites the first bytes of `file` with `head`.
 pub(super) fn overwrite(file: &Path, head: &[u8]) -> io::Result<()> {
     let mut file = open_own(OpenOptions::new().write(true), file)?;
     file.seek(SeekFrom::Start(0))?;
     file.write_all(head)
 }
 
-/// Opens a file that a run has made, to read or to change it: a symbolic link, or anything else in its place, is left alone.
+/// Opens a file of a run to read or change it; does not follow symbolic links.
 ///
 /// # Errors
-/// When it is no file, or cannot be opened.
+/// If it is not a file, or cannot be opened.
 pub fn open_own(options: &OpenOptions, path: &Path) -> io::Result<File> {
     let found = fs::symlink_metadata(path)?;
     if !found.is_file() {
@@ -299,17 +300,17 @@ pub fn open_own(options: &OpenOptions, path: &Path) -> io::Result<File> {
     }
     let file = options.open(path)?;
     let opened = file.metadata()?;
-    // A link that takes its place between the two calls leads to another file.
+    // A link that replaced it between the two calls leads to another file.
     if (opened.dev(), opened.ino()) != (found.dev(), found.ino()) {
         return Err(io::Error::other("it was replaced while it was opened"));
     }
     Ok(file)
 }
 
-/// Makes `folder` and those above it, where `disk` says what is done when there is no room.
+/// Creates `folder` and its parents; `disk` handles disk errors.
 ///
 /// # Errors
-/// When it cannot be made.
+/// If it cannot be created.
 pub fn create_folder_on(folder: &Path, disk: &dyn DiskPolicy) -> io::Result<()> {
     patiently(disk, folder, is_full, || fs::create_dir_all(folder))
 }
@@ -317,7 +318,7 @@ pub fn create_folder_on(folder: &Path, disk: &dyn DiskPolicy) -> io::Result<()> 
 /// Waits until the names in the folder of `path` are on the disk.
 ///
 /// # Errors
-/// When the folder cannot be opened or synced.
+/// If the folder cannot be opened or synced.
 pub fn sync_folder_of(path: &Path) -> io::Result<()> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -326,32 +327,32 @@ pub fn sync_folder_of(path: &Path) -> io::Result<()> {
     sync(&File::open(folder)?)
 }
 
-/// What the file that will be `path` is called until then.
+/// The temporary name of the file that will be `path`.
 pub fn temporary(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(SUFFIX);
     PathBuf::from(name)
 }
 
-/// Writes a whole file at once, under its temporary name first.
+/// Writes a whole file, first under its temporary name.
 ///
 /// # Errors
-/// When the file cannot be made, written or renamed.
+/// If the file cannot be created, written or renamed.
 pub fn write_whole(path: impl Into<PathBuf>, content: &[u8]) -> io::Result<()> {
     let mut file = Unfinished::create(path)?;
     file.write_all(content)?;
     file.finish()
 }
 
-/// The same for a small file that is written again and again, by several processes even: each has a temporary name of its own, and
-/// the last to finish counts. What processes that are gone have left under theirs is taken away; where it cannot be seen whether they
-/// are, after an hour.
+/// The same for a small file that is rewritten often, also by several processes. Each process has
+/// its own temporary name, and the last to finish wins. Temporary files of dead processes are
+/// deleted; if it is unknown whether a process is alive, after an hour.
 ///
 /// # Errors
-/// When the file cannot be made, written or renamed.
+/// If the file cannot be created, written or renamed.
 pub fn write_whole_again(path: &Path, content: &[u8]) -> io::Result<()> {
     let (mut file, own) = create_own(path)?;
-    remove_of_the_dead(path, &file);
+    remove_abandoned(path, &file);
     let written = file
         .write_all(content)
         .and_then(|()| sync(&file))
@@ -363,8 +364,8 @@ pub fn write_whole_again(path: &Path, content: &[u8]) -> io::Result<()> {
     sync_folder_of(path)
 }
 
-/// What tells the numbers of processes here from those in another container, on another machine, and before its last start; `None`
-/// where the system does not say.
+/// Distinguishes process numbers of this system from those in another container, on another
+/// machine, and before the last boot; `None` if the system does not provide it.
 fn place() -> Option<u64> {
     let boot = fs::read("/proc/sys/kernel/random/boot_id").ok()?;
     let namespace = fs::read_link("/proc/self/ns/pid").ok()?;
@@ -373,12 +374,13 @@ fn place() -> Option<u64> {
     Some(hash.finish())
 }
 
-/// A temporary file that nobody else has, beside `path`: its name, the number of this process, where that counts, and one by chance.
+/// A unique temporary file next to `path`. Its name has the number of this process, where that
+/// number is valid, and a random number.
 fn create_own(path: &Path) -> io::Result<(File, PathBuf)> {
     let (process, place) = (std::process::id(), place().unwrap_or_default());
     let mut last = None;
     for _ in 0..MOST_NAMES {
-        // Each state of the standard library's hash has keys of its own, by chance.
+        // Each hash state of the standard library has random keys.
         let number = RandomState::new().build_hasher().finish();
         let mut name = path.as_os_str().to_owned();
         name.push(format!(".{process}-{place}-{number}{SUFFIX}"));
@@ -392,9 +394,9 @@ fn create_own(path: &Path) -> io::Result<(File, PathBuf)> {
     Err(last.unwrap_or_else(|| ErrorKind::AlreadyExists.into()))
 }
 
-/// Takes away what [`create_own`] has made in processes that are gone, or elsewhere and much longer ago than `made_now` by the clock of
-/// the disk; what cannot be is left.
-fn remove_of_the_dead(path: &Path, made_now: &File) {
+/// Deletes the files of [`create_own`] of dead processes, and old ones from elsewhere; `made_now`
+/// has the current time of the disk's clock. Errors are ignored.
+fn remove_abandoned(path: &Path, made_now: &File) {
     let Ok(now) = made_now.metadata().and_then(|it| it.modified()) else {
         return;
     };
@@ -420,7 +422,8 @@ fn remove_of_the_dead(path: &Path, made_now: &File) {
     }
 }
 
-/// Number and place of the process that [`create_own`] gave the name `found` beside the file `name`.
+/// Number and place of the process that [`create_own`] wrote in the name `found` of a file next to
+/// `name`.
 fn writer_of(found: &str, name: &str) -> Option<(u32, u64)> {
     let rest = found.strip_prefix(name)?.strip_prefix('.')?;
     let mut parts = rest.strip_suffix(SUFFIX)?.split('-');

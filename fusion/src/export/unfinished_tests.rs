@@ -1,4 +1,4 @@
-//! What is left of files that were begun, and whose.
+//! Tests of incomplete files, and of their owners.
 
 use super::*;
 
@@ -12,7 +12,7 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_file_has_its_name_only_when_it_is_whole() {
+fn a_file_gets_its_name_when_it_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = Unfinished::create(folder.path().join("a.txt")).unwrap();
     file.write_all(b"one ").unwrap();
@@ -28,7 +28,7 @@ fn a_file_has_its_name_only_when_it_is_whole() {
 }
 
 #[test]
-fn a_head_is_written_where_room_was_kept_for_it() {
+fn a_head_is_written_to_its_reserved_room() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = Unfinished::create(folder.path().join("a.txt")).unwrap();
     file.write_all(b"____ rows").unwrap();
@@ -44,7 +44,7 @@ fn a_head_is_written_where_room_was_kept_for_it() {
 }
 
 #[test]
-fn what_the_system_has_is_told_from_what_is_buffered() {
+fn buffered_bytes_are_counted_separately() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = Unfinished::create(folder.path().join("a.txt")).unwrap();
     file.write_all(b"buffered").unwrap();
@@ -57,7 +57,7 @@ fn what_the_system_has_is_told_from_what_is_buffered() {
 }
 
 #[test]
-fn a_file_that_someone_else_has_begun_is_left_alone() {
+fn a_file_of_another_writer_is_not_changed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.txt");
     let mut first = Unfinished::create(&path).unwrap();
@@ -69,13 +69,13 @@ fn a_file_that_someone_else_has_begun_is_left_alone() {
 }
 
 #[test]
-fn what_one_who_was_killed_has_left_is_taken_away_and_what_others_write_is_not() {
+fn files_of_dead_processes_are_removed_and_others_are_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.txt");
     let long_ago = std::time::SystemTime::now() - 2 * LEFT_FOR;
     let here = place().unwrap();
-    // Processes have smaller numbers than the first; this one is alive. A writer in a container has a number there that says
-    // nothing here.
+    // Process numbers are smaller than the first one; this process is alive. The number of a writer
+    // in a container is meaningless here.
     let (gone, own, elsewhere) = (u32::MAX, std::process::id(), here ^ 1);
     let begun = [
         (gone, here, None, false),
@@ -99,10 +99,10 @@ fn what_one_who_was_killed_has_left_is_taken_away_and_what_others_write_is_not()
 }
 
 #[test]
-fn names_of_files_that_are_written_at_once_are_by_chance() {
+fn temporary_names_of_concurrent_writers_are_random() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.txt");
-    // Of two processes in two containers both may be number 1.
+    // Processes in two containers may both have number 1.
     let made: Vec<_> = (0..2).map(|_| create_own(&path).unwrap()).collect();
     let number = |own: &Path| {
         let name = own.to_str().unwrap();
@@ -114,7 +114,7 @@ fn names_of_files_that_are_written_at_once_are_by_chance() {
 }
 
 #[test]
-fn of_several_who_write_one_file_at_once_one_counts_and_nothing_is_left() {
+fn of_concurrent_writers_one_wins_and_no_file_remains() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.txt");
     std::thread::scope(|scope| {
@@ -133,7 +133,7 @@ fn of_several_who_write_one_file_at_once_one_counts_and_nothing_is_left() {
 }
 
 #[test]
-fn a_file_that_was_given_up_leaves_nothing() {
+fn an_abandoned_file_is_deleted() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = Unfinished::create(folder.path().join("a.txt")).unwrap();
     file.write_all(b"half").unwrap();

@@ -1,7 +1,7 @@
-//! Makes whole a file whose writer was killed, or whose disk took no more.
+//! Completes a file whose writer was killed, or whose disk refused more.
 //!
-//! It is cut after its last whole line, its head gets the number of rows, and it gets its name. One without
-//! any row goes.
+//! It is cut after its last whole line, its head gets the number of rows, and it gets its name. A
+//! file without rows is deleted.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, Read as _};
@@ -12,27 +12,27 @@ use serde::de::IgnoredAny;
 use super::unfinished::{SUFFIX, open_own, overwrite};
 use super::{mot, trc};
 
-/// Bytes of a line, far above any that a run writes: what is longer is none.
+/// Limit of a line, bytes, far above any that a run writes: a longer one is invalid.
 const LONGEST_LINE: u64 = 16 << 20;
 
-/// Bytes of a head, far above any that a run writes.
+/// Limit of a head, bytes, far above any that a run writes.
 const LONGEST_HEAD: usize = 1 << 20;
 
-/// What is written in a file of a run.
+/// The kind of a run's file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// `poses.jsonl`: every line for itself.
+    /// `poses.jsonl`: independent lines.
     Lines,
     /// Points, below a head of five lines.
     Trc,
-    /// Angles, below a head that says where it ends.
+    /// Angles, below a head with an end mark.
     Mot,
     /// `summary.json`: one value.
     Summary,
 }
 
 impl Kind {
-    pub(super) fn of(name: &str) -> Option<Self> {
+    pub(super) fn from_name(name: &str) -> Option<Self> {
         match name.split_once('.')? {
             (stem, "jsonl") if stem == "poses" || stem.starts_with("poses-") => Some(Self::Lines),
             ("summary", "json") => Some(Self::Summary),
@@ -42,7 +42,8 @@ impl Kind {
         }
     }
 
-    /// Whether a file that begins with this line is one of ours: an older farfield wrote the head last.
+    /// Whether a file that begins with this line is one of ours: an older farfield wrote the head
+    /// last.
     fn begins_with(self, line: &[u8]) -> bool {
         match self {
             Self::Lines | Self::Summary => true,
@@ -58,7 +59,7 @@ impl Kind {
             Self::Trc => n_lines == trc::HEAD_LINES,
             Self::Mot => {
                 let mut back = lines.split(|&byte| byte == b'\n').rev();
-                // The last line ends in a line break, and is that of the names.
+                // The last line ends in a line break, and has the names.
                 back.nth(2) == Some(mot::END_OF_HEAD.as_bytes())
             }
         }
@@ -73,16 +74,16 @@ impl Kind {
     }
 }
 
-/// A file that is whole now.
+/// A completed file.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Whole {
-    /// Under its name.
+    /// Its final name.
     pub(super) path: PathBuf,
     /// Its bytes.
     pub(super) bytes: u64,
 }
 
-/// Makes the temporary file `path` whole, and names it. `None`: it held nothing, and is gone.
+/// Completes the temporary file `path`, and renames it. `None` if it was empty and is deleted.
 pub(super) fn make_whole(path: &Path, kind: Kind) -> io::Result<Option<Whole>> {
     let Some(name) = path.to_str().and_then(|path| path.strip_suffix(SUFFIX)) else {
         return Err(io::Error::other("it has no temporary name"));
@@ -114,7 +115,8 @@ pub(super) fn make_whole(path: &Path, kind: Kind) -> io::Result<Option<Whole>> {
     Ok(Some(Whole { path, bytes }))
 }
 
-/// Bytes of the summary at the beginning of `path`, with room kept behind it; 0: there is none.
+/// Bytes of the summary at the beginning of `path`, which has reserved room behind it; 0 without
+/// one.
 fn summary_bytes(path: &Path) -> io::Result<u64> {
     let mut text = Vec::new();
     open_own(OpenOptions::new().read(true), path)?
@@ -122,24 +124,24 @@ fn summary_bytes(path: &Path) -> io::Result<u64> {
         .read_to_end(&mut text)?;
     let end = text.trim_ascii_end().len();
     let value = serde_json::from_slice::<IgnoredAny>(&text[..end]);
-    // With the line break behind it.
+    // Including its line break.
     Ok(value.map_or(0, |_| (end + 1).min(text.len()) as u64))
 }
 
-/// What of a file can be read.
+/// The readable part of a file.
 #[derive(Debug, Default)]
 pub(super) struct WholeLines {
     pub(super) head: String,
     pub(super) n_rows: u64,
     /// Head and rows.
     bytes: u64,
-    /// Whether it does not begin as a file of its kind.
+    /// Whether its beginning does not fit its kind.
     is_foreign: bool,
 }
 
 impl WholeLines {
-    /// Reads to the first line that is torn, or that the disk has never got: after a power cut there may be
-    /// zeros.
+    /// Reads up to the first line that is torn, or that never reached the disk: after a power cut
+    /// there may be zeros.
     pub(super) fn read(mut file: impl io::BufRead, kind: Kind) -> io::Result<Self> {
         let mut this = Self::default();
         let (mut line, mut head, mut n_head) = (Vec::new(), Vec::new(), 0);
@@ -169,7 +171,7 @@ impl WholeLines {
                 this.n_rows += 1;
             }
         }
-        // What is no text has lost something to the disk: written over, it would take rows along.
+        // A head that is not text lost bytes on the disk: overwriting it would damage rows.
         match String::from_utf8(head) {
             Ok(head) => this.head = head,
             Err(_) => this.is_foreign = true,

@@ -1,9 +1,9 @@
-//! The channels of a recording: what stands under which key.
+//! The channels of a recording, and their keys.
 
 use farfield_proto::key::Keys;
 use farfield_proto::message::fill::SetKind;
 
-/// What the messages of a channel are.
+/// Contents of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Content {
     /// Patch or sighting sets as they came.
@@ -16,35 +16,36 @@ pub enum Content {
     Poses,
     /// The persons of a tick, smoothed with a delay.
     Smoothed,
-    /// How a node is.
+    /// Status of a node.
     Status,
-    /// What fusion used for a tick.
+    /// The sets that fusion used for a tick.
     Decisions,
-    /// What changed who is who at a tick.
+    /// Identity events of a tick.
     Events,
-    /// Who was compared with the venue's subjects.
+    /// Results of the comparison with the venue's subjects.
     Namings,
     /// The persons of a tick as JSON.
     JsonPoses,
     /// Nodes that came and went, as JSON.
     Presence,
-    /// What the recorder says of itself, as JSON.
+    /// Status of the recorder, as JSON.
     Recorder,
-    /// Whom a session expects from the one before it, as JSON.
+    /// The people that a session expects from the previous one, as JSON.
     Expected,
 }
 
 /// One channel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Channel {
-    /// The topic: a Zenoh key, or what stands below one.
+    /// The topic: a Zenoh key, or one below it.
     pub topic: String,
-    /// What it carries.
+    /// Its content.
     pub content: Content,
 }
 
-/// Every channel that a recording of the venue `name` may have: what comes under another key is not
-/// recorded, so that a stranger cannot fill a file with channels. There is none for thumbnails: recordings have no pictures.
+/// Every possible channel of a recording of the venue `name`. Other keys are not recorded, so that
+/// an unknown sender cannot fill a file with channels. There is none for thumbnails: recordings
+/// have no pictures.
 pub fn channels(name: &str, viewpoints: &[&str]) -> Vec<Channel> {
     let keys = Keys::new(name);
     let channel = |topic: String, content| Channel { topic, content };
@@ -80,7 +81,7 @@ pub fn channels(name: &str, viewpoints: &[&str]) -> Vec<Channel> {
     all
 }
 
-/// The topic of whom a session of the venue `name` expects from the one before it.
+/// The topic of the people that a session of the venue `name` expects from the previous one.
 pub fn expected(name: &str) -> String {
     format!("{name}/expected")
 }
@@ -90,7 +91,7 @@ pub fn json_poses(keys: &Keys) -> String {
     format!("{}/json", keys.pose())
 }
 
-/// The topic of sets that came by themselves.
+/// The topic of sets that came without a request.
 pub fn live_topic(keys: &Keys, viewpoint: &str, kind: SetKind) -> String {
     match kind {
         SetKind::Patches => keys.patch(viewpoint),
@@ -98,7 +99,7 @@ pub fn live_topic(keys: &Keys, viewpoint: &str, kind: SetKind) -> String {
     }
 }
 
-/// The topic of sets that were asked for.
+/// The topic of sets that were requested.
 pub fn filled_topic(keys: &Keys, viewpoint: &str, kind: SetKind) -> String {
     let below = match kind {
         SetKind::Patches => "patch",
@@ -114,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_channel_has_a_topic_of_its_own() {
+    fn topics_are_unique() {
         let all = channels("hall", &["ne", "sw"]);
         let topics: BTreeSet<&str> = all.iter().map(|c| c.topic.as_str()).collect();
         assert_eq!(topics.len(), all.len());

@@ -1,4 +1,4 @@
-//! Recordings whose records and chunks were changed one by one: compressed, cut, in another order, and lying about themselves.
+//! Recordings with changed records and chunks: compressed, cut, reordered, and with false lengths.
 
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read as _, Write as _};
@@ -28,7 +28,7 @@ pub(super) fn pack(format: CompressionFormat, bytes: &[u8]) -> Vec<u8> {
     }
 }
 
-/// A recording with each of its top-level records' bodies made anew.
+/// A recording with the body of each top-level record replaced.
 fn rewritten(bytes: &[u8], mut body: impl FnMut(u8, &[u8]) -> Vec<u8>) -> Vec<u8> {
     let options = LinearReaderOptions::default().with_emit_chunks(true);
     let mut reader = LinearReader::new_with_options(options);
@@ -57,7 +57,7 @@ pub(super) fn compressed(bytes: &[u8], format: CompressionFormat) -> Vec<u8> {
             Ok(Record::Chunk { data, .. }) => {
                 let name = [&b"lz4"[..], b"zstd"][format as usize];
                 let packed = pack(format, &data);
-                // Times, size and checksum stay.
+                // Times, size and checksum do not change.
                 let mut body = body[..28].to_vec();
                 body.extend((name.len() as u32).to_le_bytes());
                 body.extend(name);
@@ -70,7 +70,8 @@ pub(super) fn compressed(bytes: &[u8], format: CompressionFormat) -> Vec<u8> {
     })
 }
 
-/// The recording as another tool writes it anew: the messages, and only then the attached file and the metadata.
+/// The recording as rewritten by another tool: messages first, then the attached file and the
+/// metadata.
 fn with_metadata_last() -> Vec<u8> {
     let bytes = recording();
     let options = mcap::WriteOptions::new().profile(PROFILE).compression(None);
@@ -120,7 +121,8 @@ fn metadata_behind_the_messages_say_as_much_as_ahead_of_them() {
         let mut n_messages = 0;
         let mut in_time = MessagesInTime::open(Cursor::new(&bytes)).unwrap();
         in_time.read(0..9, &mut |_, _, _| n_messages += 1).unwrap();
-        // Six sets, one of them filled, and of three ticks the decision, the poses, and these as JSON.
+        // Six sets, one of them filled, and for three ticks the decision, the poses, and the poses
+        // as JSON.
         assert_eq!(n_messages, 6 + 9);
     }
 }
@@ -135,7 +137,7 @@ fn a_file_that_ends_before_its_metadata_is_no_recording_yet() {
 }
 
 #[test]
-fn a_compressed_chunk_with_a_wrong_checksum_is_passed_over_and_counted() {
+fn a_compressed_chunk_with_a_wrong_checksum_is_skipped_and_counted() {
     for format in [CompressionFormat::Lz4, CompressionFormat::Zstd] {
         let mut chunks = 0;
         let bytes = rewritten(&compressed(&recording(), format), |opcode, body| {
@@ -152,7 +154,7 @@ fn a_compressed_chunk_with_a_wrong_checksum_is_passed_over_and_counted() {
     }
 }
 
-/// Why the recording is refused whose chunks are changed by `change`.
+/// The error for a recording whose chunks were edited by `change`.
 fn refused_with(bytes: &[u8], change: impl Fn(&mut Vec<u8>)) -> String {
     let bytes = rewritten(bytes, |opcode, body| {
         let mut body = body.to_vec();
@@ -165,7 +167,7 @@ fn refused_with(bytes: &[u8], change: impl Fn(&mut Vec<u8>)) -> String {
 }
 
 #[test]
-fn a_chunk_that_would_unpack_to_too_much_is_refused_before_it_is_unpacked() {
+fn a_chunk_that_is_too_large_is_refused_before_decompression() {
     for bytes in in_all_forms() {
         let refused = refused_with(&bytes, |body| body[16..24].fill(0x7f));
         assert!(refused.contains("too much"), "{refused}");
@@ -173,9 +175,9 @@ fn a_chunk_that_would_unpack_to_too_much_is_refused_before_it_is_unpacked() {
 }
 
 #[test]
-fn a_chunk_that_unpacks_to_less_than_it_says_is_refused() {
+fn a_chunk_with_a_false_size_is_refused() {
     for bytes in in_all_forms() {
-        // Without a checksum nothing else would tell.
+        // Without a checksum only the length reveals it.
         let refused = refused_with(&bytes, |body| {
             body[17] += 1;
             body[24..28].fill(0);
@@ -185,14 +187,14 @@ fn a_chunk_that_unpacks_to_less_than_it_says_is_refused() {
 }
 
 #[test]
-fn an_unknown_compression_is_named() {
+fn an_unknown_compression_is_reported() {
     let lz4 = &in_all_forms()[1];
     let refused = refused_with(lz4, |body| body[32..35].copy_from_slice(b"xz5"));
     assert!(refused.contains("\"xz5\""), "{refused}");
 }
 
 #[test]
-fn a_text_longer_than_its_record_is_not_believed() {
+fn a_text_longer_than_its_record_is_refused() {
     for (wanted, at) in [
         (op::HEADER, 0),
         (op::ATTACHMENT, 16),
@@ -212,7 +214,7 @@ fn a_text_longer_than_its_record_is_not_believed() {
 }
 
 #[test]
-fn an_attached_file_counts_only_when_it_is_whole() {
+fn an_attached_file_must_be_complete() {
     let change = |change: fn(&mut Vec<u8>)| {
         rewritten(&recording(), |opcode, body| {
             let mut body = body.to_vec();
@@ -232,7 +234,7 @@ fn an_attached_file_counts_only_when_it_is_whole() {
 }
 
 #[test]
-fn a_record_of_another_program_that_is_too_long_is_passed_over() {
+fn a_foreign_record_that_is_too_long_is_skipped() {
     let bytes = rewritten(&recording(), |_, body| body.to_vec());
     let at = mcap::MAGIC.len();
     let mut long = vec![0xfe];

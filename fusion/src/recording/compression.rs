@@ -1,4 +1,4 @@
-//! What unpacks the compressed chunks of other tools' MCAP files: `lz4` and `zstd`, without C.
+//! Decompression of the chunks of other tools' MCAP files: `lz4` and `zstd`, without C.
 
 use std::io::{self, Cursor, Read};
 
@@ -7,7 +7,7 @@ use mcap::sans_io::decompressor::{DecompressResult, Decompressor};
 use mcap::{McapError, McapResult};
 use ruzstd::decoding::{FrameDecoder, StreamingDecoder};
 
-/// How a chunk may be compressed.
+/// Compression of a chunk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum CompressionFormat {
     /// LZ4's frames.
@@ -16,16 +16,16 @@ pub(super) enum CompressionFormat {
     Zstd,
 }
 
-/// Unpacks chunks that are given to it whole, one after the other.
+/// Decompresses whole chunks, one after the other.
 pub(super) struct Decompression {
     format: CompressionFormat,
-    /// Farthest back that a frame may refer, bytes: what it costs in memory.
+    /// Largest window of a frame, bytes: its memory cost.
     most_window_bytes: u64,
-    /// The chunk at hand.
+    /// The current chunk.
     frame: Option<CompressedFrame>,
 }
 
-/// A frame of a chunk, and what follows it there.
+/// A frame of a chunk, and the bytes after it.
 enum CompressedFrame {
     Lz4(Box<Lz4CompressedFrame<Packed>>),
     Zstd(Box<StreamingDecoder<Packed, FrameDecoder>>),
@@ -34,7 +34,7 @@ enum CompressedFrame {
 type Packed = Cursor<Vec<u8>>;
 
 impl Decompression {
-    /// For chunks of `format`; frames of zstd that need a larger window than this are refused.
+    /// For chunks of `format`; zstd frames with a larger window are refused.
     pub(super) fn new(format: CompressionFormat, most_window_bytes: u64) -> Self {
         Self {
             format,
@@ -59,7 +59,7 @@ impl Decompression {
 
 impl Decompressor for Decompression {
     fn next_read_size(&self) -> usize {
-        // A whole chunk: neither decoder goes on where its input ended.
+        // A whole chunk: neither decoder continues after the end of its input.
         if self.frame.is_some() { 0 } else { usize::MAX }
     }
 
@@ -69,7 +69,7 @@ impl Decompressor for Decompression {
             None => (self.open(Cursor::new(src.to_vec()))?, src.len()),
         };
         let mut wrote = frame.read(dst)?;
-        // A decoder of its own for every frame: each begins with empty buffers.
+        // A new decoder for every frame: each begins with empty buffers.
         while wrote == 0 && frame.is_followed() {
             frame = self.open(frame.into_packed())?;
             wrote = frame.read(dst)?;
@@ -124,7 +124,7 @@ mod tests {
     use super::super::chunk_tests::pack;
     use super::*;
 
-    /// What comes out, in pieces of `piece` bytes; `None` when it is refused.
+    /// The output, in pieces of `piece` bytes; `None` if it is refused.
     fn unpack(
         format: CompressionFormat,
         packed: &[u8],
@@ -147,16 +147,16 @@ mod tests {
 
     const FORMATS: [CompressionFormat; 2] = [CompressionFormat::Lz4, CompressionFormat::Zstd];
 
-    /// A text as liblz4 1.9 writes it, hexadecimal.
+    /// A text written by liblz4 1.9, hexadecimal.
     const BY_LIBLZ4: &str = "04224d186840ec00000000000000754c000000f10e7469636b20303a2074686520706572736f6e2077616c6b73206f6e \
         2e201d001f311d00091f341d00091f391d00092f31361e00092f32351e00091f333c000a1f3478000050206f6e2e2000 \
         000000";
-    /// The same as libzstd 1.5 writes it, with its checksum.
+    /// The same written by libzstd 1.5, with its checksum.
     const BY_LIBZSTD: &str = "28b52ffd24ecf5010084027469636b20303a2074686520706572736f6e2077616c6b73206f6e2e203134393136323533 \
         3634390800a0c680c141198c070601c30023806fe0524e833ef8a3";
 
     #[test]
-    fn what_the_reference_libraries_write_is_read() {
+    fn output_of_the_reference_libraries_is_read() {
         let sentences = (0..8).map(|i| format!("tick {}: the person walks on. ", i * i));
         let text = sentences.collect::<Vec<_>>().concat();
         for (format, hex) in [
@@ -175,7 +175,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_was_compressed_comes_out_in_pieces_of_any_size(
+        fn decompression_works_in_pieces_of_any_size(
             text in prop::collection::vec(0u8..4, 1..2000), piece in 1usize..600,
         ) {
             for format in FORMATS {
@@ -189,7 +189,7 @@ mod tests {
         }
 
         #[test]
-        fn no_bytes_bring_a_decoder_down(
+        fn no_bytes_panic_a_decoder(
             text in prop::collection::vec(0u8..4, 1..300),
             changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
             rest in any::<Vec<u8>>(),
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn a_frame_with_too_large_a_window_is_refused() {
-        // Magic, descriptor without a size, window of 2^(10 + 31) bytes, then the last block of none.
+        // Magic, descriptor without a size, window of 2^(10 + 31) bytes, then an empty last block.
         let frame = [0x28, 0xb5, 0x2f, 0xfd, 0x00, 0xf8, 0x01, 0x00, 0x00];
         assert_eq!(unpack(CompressionFormat::Zstd, &frame, 1, 1), None);
         let mut decompression = Decompression::new(CompressionFormat::Zstd, 1 << 20);

@@ -1,8 +1,9 @@
-//! The records of an MCAP file, front to back, with the place of each (mcap.dev/spec), and its metadata ahead of all
-//! others. The crate `mcap` reads records and chunks; which of them may be read, and how large, is decided here.
+//! The records of an MCAP file in order, each with its place (mcap.dev/spec), and its metadata
+//! first. The crate `mcap` reads records and chunks; this module decides which of them may be read,
+//! and their largest size.
 //!
-//! Lengths are never believed: nothing is allocated beyond what is left of the file, nor beyond a bound;
-//! no chunk is unpacked to more than [`MAX_CHUNK_BYTES`].
+//! Lengths are never trusted: no allocation exceeds the rest of the file or a bound, and no chunk
+//! is decompressed to more than [`MAX_CHUNK_BYTES`].
 
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
@@ -12,9 +13,9 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 
 use super::compression::{CompressionFormat, Decompression};
 
-/// Longest chunk that is read, bytes, packed and unpacked: ours have 4 MiB and one message.
+/// Longest chunk that is read, bytes, compressed and decompressed: ours have 4 MiB and one message.
 const MAX_CHUNK_BYTES: u64 = 64 << 20;
-/// Longest other record that is read, bytes; what is longer is passed over.
+/// Longest other record that is read, bytes; longer ones are skipped.
 pub(super) const MAX_RECORD_BYTES: u64 = 16 << 20;
 /// Opcode and length.
 const HEAD_BYTES: u64 = 9;
@@ -25,10 +26,10 @@ pub enum FramingError {
     /// The system refused.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// It begins otherwise.
+    /// It has another beginning.
     #[error("not an MCAP file: it does not begin with MCAP's magic bytes")]
     NotMcap,
-    /// What stands there cannot be.
+    /// Invalid content.
     #[error("damaged at byte {at}: {problem}")]
     Damaged {
         /// Place in the file.
@@ -36,7 +37,7 @@ pub enum FramingError {
         /// What is wrong.
         problem: &'static str,
     },
-    /// Chunks are compressed in a way that is not read.
+    /// Chunks have an unsupported compression.
     #[error("its chunks are compressed by {0:?}, which is none of \"lz4\" and \"zstd\"")]
     Compressed(String),
 }
@@ -44,13 +45,13 @@ pub enum FramingError {
 /// How a file ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FileEnd {
-    /// Bytes up to which it could be read.
+    /// Bytes that could be read.
     pub read_bytes: u64,
-    /// Bytes that it has.
+    /// Bytes of the file.
     pub file_bytes: u64,
-    /// Whether its end was written: else whoever wrote it was stopped.
+    /// Whether its end was written: otherwise the writer was stopped.
     pub whole: bool,
-    /// Chunks and attached files whose checksum is wrong; they were passed over.
+    /// Chunks and attached files with a wrong checksum; they were skipped.
     pub damaged_chunks: u64,
 }
 
@@ -61,20 +62,20 @@ pub(super) struct PackedChunk {
     pub(super) len: u64,
 }
 
-/// Where the body of a record stands.
+/// Place of a record's body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct RecordPlace {
-    /// The compressed chunk that it is in; `None`: it stands in the file as it is.
+    /// Its compressed chunk; `None` if it is directly in the file.
     pub(super) chunk: Option<PackedChunk>,
-    /// First byte: of the file, or of the chunk's unpacked records.
+    /// First byte: of the file, or of the chunk's decompressed records.
     pub(super) at: u64,
 }
 
-/// Is shown every record of a file that a recording needs: header, channels, messages, attached files and
+/// Receives every relevant record of a file: header, channels, messages, attached files and
 /// metadata.
 pub(super) type Visit<'a> = dyn FnMut(Record<'_>, RecordPlace) + 'a;
 
-/// Goes through a file and shows `visit` what is there.
+/// Reads a file and calls `visit` for its records.
 pub(super) fn walk<R: Read + Seek>(
     file: &mut R,
     visit: &mut Visit<'_>,
@@ -117,7 +118,7 @@ pub(super) fn walk<R: Read + Seek>(
                 reader = LinearReader::new_with_options(file_options(true));
             }
             Err(McapError::BadMagic) => return Err(FramingError::NotMcap),
-            // A torn end: what stands before it has been read.
+            // A torn end: everything before it has been read.
             Err(_) => break,
         }
     }
@@ -127,8 +128,9 @@ pub(super) fn walk<R: Read + Seek>(
     Ok(end)
 }
 
-/// The first metadata of a file that are `wanted`, wherever they stand: whoever writes may put them behind the messages that they
-/// tell of. Other records are passed over by their lengths. What is broken ends the search: [`walk`] names it.
+/// The first `wanted` metadata of a file, at any place: other writers may put them behind the
+/// messages that they describe. Other records are skipped by their lengths. Broken data ends the
+/// search; [`walk`] reports it.
 pub(super) fn find_metadata<R: Read + Seek>(
     file: &mut R,
     wanted: impl Fn(&Metadata) -> bool,
@@ -142,7 +144,7 @@ pub(super) fn find_metadata<R: Read + Seek>(
         let [opcode, len @ ..] = head;
         let len = u64::from_le_bytes(len);
         at += HEAD_BYTES;
-        // No metadata stand in the summary, which the footer ends.
+        // The summary, which the footer ends, contains no metadata.
         if opcode == op::FOOTER || len > file_bytes - at {
             break;
         }
@@ -156,7 +158,7 @@ pub(super) fn find_metadata<R: Read + Seek>(
                 return Ok(Some(metadata));
             }
         } else {
-            // A file has fewer bytes than would make a negative number of it.
+            // No file is so long that this becomes negative.
             file.seek_relative(len.cast_signed())?;
         }
         at += len;
@@ -172,7 +174,7 @@ fn metadata_of(body: &[u8]) -> Option<Metadata> {
     }
 }
 
-/// How records are read off a file from its begin, or from `inside` it.
+/// Options to read records of a file from its begin, or from `inside` it.
 fn file_options(inside: bool) -> LinearReaderOptions {
     LinearReaderOptions::default()
         .with_skip_start_magic(inside)
@@ -181,13 +183,13 @@ fn file_options(inside: bool) -> LinearReaderOptions {
         .with_record_length_limit(MAX_CHUNK_BYTES as usize)
 }
 
-/// Shows a record of the file whose body stands at `at`; false when its checksum is wrong.
+/// Calls `visit` for a record of the file whose body is at `at`; false for a wrong checksum.
 fn record(opcode: u8, body: &[u8], at: u64, visit: &mut Visit<'_>) -> Result<bool, FramingError> {
     if opcode != op::CHUNK {
         let place = RecordPlace { chunk: None, at };
         return show(opcode, body, place, visit);
     }
-    let chunk = McapChunk::of(body, at)?;
+    let chunk = McapChunk::parse(body, at)?;
     let packed = PackedChunk {
         at,
         len: body.len() as u64,
@@ -203,10 +205,10 @@ fn record(opcode: u8, body: &[u8], at: u64, visit: &mut Visit<'_>) -> Result<boo
     })
 }
 
-/// The unpacked records of the compressed chunk `body` that stands at `at`.
+/// The decompressed records of the compressed chunk `body` at `at`.
 pub(super) fn unpack(body: &[u8], at: u64) -> Result<Vec<u8>, FramingError> {
     let mut records = Vec::new();
-    let whole = McapChunk::of(body, at)?.each_record(&mut |opcode, body, _| {
+    let whole = McapChunk::parse(body, at)?.each_record(&mut |opcode, body, _| {
         records.push(opcode);
         records.extend((body.len() as u64).to_le_bytes());
         records.extend(body);
@@ -219,24 +221,24 @@ pub(super) fn unpack(body: &[u8], at: u64) -> Result<Vec<u8>, FramingError> {
     }
 }
 
-/// A chunk whose header has been checked.
+/// A chunk with a checked header.
 struct McapChunk<'a> {
     /// Header and records.
     body: &'a [u8],
-    /// Where it stands in the file.
+    /// Its place in the file.
     at: u64,
-    /// Bytes ahead of the records.
+    /// Bytes before the records.
     head: u64,
     is_packed: bool,
-    /// Bytes of the unpacked records, at most [`MAX_CHUNK_BYTES`].
+    /// Bytes of the decompressed records, at most [`MAX_CHUNK_BYTES`].
     unpacked_bytes: u64,
 }
 
-/// Is shown opcode, body and the body's place among the chunk's unpacked records.
+/// Receives opcode, body and the body's place among the chunk's decompressed records.
 type EachRecord<'a> = dyn FnMut(u8, &[u8], u64) -> Result<(), FramingError> + 'a;
 
 impl<'a> McapChunk<'a> {
-    fn of(body: &'a [u8], at: u64) -> Result<Self, FramingError> {
+    fn parse(body: &'a [u8], at: u64) -> Result<Self, FramingError> {
         let broken = damaged(at, "a broken chunk");
         if texts_end_within(op::CHUNK, body).is_none() {
             return Err(broken);
@@ -254,7 +256,7 @@ impl<'a> McapChunk<'a> {
         }
         let head = (8 + 8 + 8 + 4 + 4 + 8 + header.compression.len()) as u64;
         Ok(Self {
-            // What stands behind the records is none of them.
+            // Bytes after the records are ignored.
             body: &body[..head as usize + data.len()],
             at,
             head,
@@ -263,7 +265,7 @@ impl<'a> McapChunk<'a> {
         })
     }
 
-    /// Shows every record to `show`; false when the checksum is wrong, and then none is shown.
+    /// Calls `show` for every record; false for a wrong checksum, and then for none.
     fn each_record(&self, show: &mut EachRecord<'_>) -> Result<bool, FramingError> {
         let broken = || damaged(self.at, "a broken chunk");
         let mut reader = self.reader().map_err(|_| broken())?;
@@ -278,14 +280,14 @@ impl<'a> McapChunk<'a> {
                 Some(Err(McapError::UnsupportedCompression(name))) => {
                     return Err(FramingError::Compressed(name.chars().take(16).collect()));
                 }
-                // All there is has been given to it.
+                // It already has all bytes.
                 Some(Ok(LinearReadEvent::ReadRequest(_)) | Err(_)) | None => return Err(broken()),
             }
         }
         Ok(true)
     }
 
-    /// A reader that has been given the chunk, and goes into it.
+    /// A reader that has the chunk's bytes, positioned inside it.
     fn reader(&self) -> Result<LinearReader, McapError> {
         let len = self.body.len() as u64;
         let options = LinearReaderOptions::default()
@@ -307,7 +309,7 @@ impl<'a> McapChunk<'a> {
     }
 }
 
-/// Shows one record, where it is one that is wanted; false when its checksum is wrong.
+/// Calls `visit` for one record if it is relevant; false for a wrong checksum.
 fn show(
     opcode: u8,
     body: &[u8],
@@ -334,10 +336,10 @@ fn show(
     Ok(true)
 }
 
-/// Whether the texts of a record end within it: `mcap` allocates as much as a text's length says before it
-/// looks, and takes the checksum of an attached file for granted.
+/// Whether the texts of a record end within it: `mcap` allocates the length of a text before it
+/// checks it, and trusts the checksum of an attached file.
 fn texts_end_within(opcode: u8, body: &[u8]) -> Option<()> {
-    // Bytes ahead of the texts, how many texts, bytes that must follow.
+    // Bytes before the texts, number of texts, bytes that must follow.
     let (ahead, texts, behind) = match opcode {
         op::HEADER => (0, 2, 0),
         op::CHANNEL => (4, 2, 4),
@@ -360,7 +362,7 @@ fn texts_end_within(opcode: u8, body: &[u8]) -> Option<()> {
     Some(())
 }
 
-/// What stands behind a text, or a map: both have their bytes' number ahead.
+/// The bytes after a text or a map: both begin with their length.
 fn behind_text(bytes: &[u8]) -> Option<&[u8]> {
     let (len, rest) = bytes.split_first_chunk()?;
     rest.get(u32::from_le_bytes(*len) as usize..)

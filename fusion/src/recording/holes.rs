@@ -1,9 +1,9 @@
-//! Which ticks of which viewpoints a recording lacks.
+//! Holes of a recording: ticks of viewpoints that are missing.
 //!
-//! A tick that a viewpoint has not sent whole some time after it was worked on is a hole, once the viewpoint
-//! was heard of, and stays one until all of its sets are written: an answer to who asked for it only ends the
-//! asking, as a ring may have lost what it is asked for. Who fills holes asks for the oldest first: an edge's
-//! ring gives up its oldest, too.
+//! A tick that is incomplete some time after it was processed is a hole, if its viewpoint has sent
+//! messages before. It stays one until all of its sets are written. An answer to a request only
+//! ends the requests, because a ring may have lost the sets. The oldest holes are requested first:
+//! an edge's ring also loses its oldest sets first.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,46 +14,46 @@ use farfield_proto::tick::Tick;
 
 use super::tick_ranges::TickRanges;
 
-/// Most holes of one viewpoint; of more, the oldest stay holes.
+/// Most holes of one viewpoint; the oldest are then no longer requested.
 const MAX_HOLES: usize = 4096;
-/// Most ticks of one viewpoint that are neither whole nor holes yet.
+/// Most ticks of one viewpoint that are neither complete nor holes yet.
 const MAX_OPEN: usize = 4096;
 
-/// The holes of a recording under way.
+/// The holes of a recording in progress.
 #[derive(Debug)]
 pub struct Holes {
     session: SessionId,
-    /// How many ticks a set may take until it is missed.
+    /// Ticks after which a set is missing.
     settle: i64,
     tracks: Vec<ViewpointTicks>,
-    /// The first tick that was worked on.
+    /// The first processed tick.
     first: Option<Tick>,
-    /// The last tick that was worked on.
+    /// The last processed tick.
     last: Option<Tick>,
 }
 
-/// What is known of one viewpoint.
+/// State of one viewpoint.
 #[derive(Debug, Default)]
 struct ViewpointTicks {
-    /// Ticks before are whole or holes; `None`: nothing was heard.
+    /// Earlier ticks are complete or holes; `None` before the first message.
     settled: Option<Tick>,
     newest: Option<Tick>,
-    /// Where the ticks before `settled` begin of which nothing came and that are no hole yet.
+    /// Start of the ticks before `settled` without messages that are not a hole yet.
     gap: Option<Tick>,
     open: BTreeMap<Tick, Seen>,
-    /// What has come of ticks before `settled` that are not whole, or in the gap.
+    /// Sets of incomplete ticks before `settled`, or in the gap.
     partly: BTreeMap<Tick, Seen>,
-    /// Ticks that are not whole.
+    /// Incomplete ticks.
     holes: TickRanges,
-    /// Those of them that nobody has answered for yet.
-    to_ask: TickRanges,
-    /// Ticks of holes that there was no room to remember.
+    /// Holes without an answer yet.
+    to_request: TickRanges,
+    /// Ticks of holes that did not fit the memory.
     given_up: u64,
-    /// The edge works on every so manieth tick: shorter gaps are no holes.
+    /// The edge works on every n-th tick: shorter gaps are no holes.
     every_nth: i64,
 }
 
-/// What has come of a tick.
+/// Sets of a tick.
 #[derive(Debug, Default)]
 struct Seen {
     parts: Option<u16>,
@@ -69,7 +69,7 @@ impl Seen {
 }
 
 impl Holes {
-    /// Nothing is missing yet of `n_viewpoints`; a set is missed `settle` ticks after its own.
+    /// No holes for `n_viewpoints`; a set is missing `settle` ticks after its own.
     pub fn new(session: SessionId, n_viewpoints: usize, settle: i64) -> Self {
         let mut tracks = Vec::new();
         tracks.resize_with(n_viewpoints, ViewpointTicks::default);
@@ -82,7 +82,7 @@ impl Holes {
         }
     }
 
-    /// A patch set was written, whichever way it came.
+    /// Records a written patch set, requested or not.
     pub fn patches(&mut self, set: &PatchSet) {
         if set.session != self.session {
             return;
@@ -94,7 +94,7 @@ impl Holes {
         });
     }
 
-    /// A sighting set was written, whichever way it came.
+    /// Records a written sighting set, requested or not.
     pub fn sightings(&mut self, set: &SightingSet) {
         if set.session != self.session {
             return;
@@ -104,40 +104,41 @@ impl Holes {
         });
     }
 
-    /// The edge of a viewpoint works on every `nth` tick now.
+    /// Sets that the edge of a viewpoint works on every `nth` tick.
     pub fn works_on_every(&mut self, viewpoint: usize, nth: u16) {
         if let Some(track) = self.tracks.get_mut(viewpoint) {
             track.every_nth = nth.into();
         }
     }
 
-    /// A tick was worked on: what should have been there long before is missing now.
+    /// Records a processed tick: overdue sets are now missing.
     pub fn worked_on(&mut self, tick: Tick) {
         self.first = self.first.or(Some(tick));
         self.last = self.last.max(Some(tick));
         self.settle_until(tick + -self.settle);
     }
 
-    /// The run is over: whatever is not there of its ticks is missing.
+    /// Ends the run: all missing sets of its ticks are holes.
     pub fn over(&mut self) {
         if let Some(last) = self.last {
             self.settle_until(last + 1);
         }
     }
 
-    /// The oldest ticks to ask for of a viewpoint from which sets come; the first and the tick after the last.
+    /// The oldest ticks to request from a viewpoint that sends sets: the first, and the tick after
+    /// the last.
     pub fn oldest(&self, viewpoint: usize) -> Option<[Tick; 2]> {
         let track = self.tracks.get(viewpoint)?;
         let is_heard = track.newest? + self.settle >= self.last?;
-        let [from, to] = track.to_ask.first().filter(|_| is_heard)?;
+        let [from, to] = track.to_request.first().filter(|_| is_heard)?;
         Some([from, to.min(from + MAX_TICKS)])
     }
 
-    /// The edge has said what it has of these ticks, half-open: they are not asked for again. What of them
-    /// is not written in the end is missing.
+    /// Records the edge's answer about these ticks, half-open: they are not requested again. Sets
+    /// that are not written in the end are missing.
     pub fn answered(&mut self, viewpoint: usize, ticks: [Tick; 2]) {
         if let Some(track) = self.tracks.get_mut(viewpoint) {
-            track.to_ask.cut(ticks);
+            track.to_request.cut(ticks);
         }
     }
 
@@ -146,7 +147,7 @@ impl Holes {
         self.tracks.len()
     }
 
-    /// Ticks that are missing, summed over the viewpoints.
+    /// Missing ticks, summed over the viewpoints.
     pub fn left(&self) -> u64 {
         let of = |track: &ViewpointTicks| track.holes.ticks() + track.given_up;
         self.tracks.iter().map(of).sum()
@@ -158,7 +159,7 @@ impl Holes {
         }
     }
 
-    /// Notes a set of `tick`, as `set` does it.
+    /// Records a set of `tick` by `set`.
     fn note(&mut self, viewpoint: usize, tick: Tick, set: impl FnOnce(&mut Seen)) {
         let far = self
             .last
@@ -190,7 +191,7 @@ impl ViewpointTicks {
                 self.add(from, tick);
                 from = tick + 1;
             } else {
-                self.keep_part(tick, seen);
+                self.store_part(tick, seen);
             }
         }
         if self.add(from, until) {
@@ -200,7 +201,7 @@ impl ViewpointTicks {
         self.settled = Some(until);
     }
 
-    /// Notes a set of a tick before `settled`.
+    /// Records a set of a tick before `settled`.
     fn note_late(&mut self, tick: Tick, set: impl FnOnce(&mut Seen)) {
         let in_gap = self.gap.is_some_and(|gap| gap <= tick);
         if !in_gap && !self.holes.contains(tick) {
@@ -211,12 +212,12 @@ impl ViewpointTicks {
         if seen.is_whole() && !in_gap {
             self.fill(tick);
         } else {
-            self.keep_part(tick, seen);
+            self.store_part(tick, seen);
         }
     }
 
-    /// Remembers what has come of a tick; of too many, the oldest are forgotten.
-    fn keep_part(&mut self, tick: Tick, seen: Seen) {
+    /// Stores the sets of a tick; the oldest are forgotten if there are too many.
+    fn store_part(&mut self, tick: Tick, seen: Seen) {
         self.partly.insert(tick, seen);
         if self.partly.len() > MAX_OPEN {
             self.partly.pop_first();
@@ -225,7 +226,7 @@ impl ViewpointTicks {
 
     fn fill(&mut self, tick: Tick) {
         self.holes.cut([tick, tick + 1]);
-        self.to_ask.cut([tick, tick + 1]);
+        self.to_request.cut([tick, tick + 1]);
     }
 
     /// Whether `from..to` is long enough for a hole, and is one now.
@@ -235,8 +236,8 @@ impl ViewpointTicks {
             return false;
         }
         self.holes.push([from, to], least);
-        self.to_ask.push([from, to], 1);
-        // What came while it was not known yet whether there is a hole.
+        self.to_request.push([from, to], 1);
+        // Sets that came before the hole was known.
         let late = self.partly.range(from..to);
         let whole = late.filter(|(_, seen)| seen.is_whole());
         let whole: Vec<Tick> = whole.map(|(&tick, _)| tick).collect();
@@ -249,7 +250,7 @@ impl ViewpointTicks {
         {
             self.given_up += (to - from).unsigned_abs();
             self.holes.cut([from, to]);
-            self.to_ask.cut([from, to]);
+            self.to_request.cut([from, to]);
         }
         true
     }
@@ -282,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_come_in_time_is_a_hole() {
+    fn an_overdue_set_is_a_hole() {
         let mut holes = Holes::new(SESSION, 2, 10);
         for tick in (100..120).chain(150..170) {
             holes.patches(&patches(tick, 0, 1, 0));
@@ -290,7 +291,7 @@ mod tests {
         }
         assert_eq!(holes_of(&holes), [[120, 150]]);
         assert_eq!(holes.oldest(0), Some([Tick(120), Tick(150)]));
-        assert_eq!(holes.oldest(1), None, "it was never heard");
+        assert_eq!(holes.oldest(1), None, "it never sent");
         holes.answered(0, [Tick(120), Tick(130)]);
         assert_eq!(holes.oldest(0), Some([Tick(130), Tick(150)]));
         for tick in 120..150 {
@@ -303,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_is_whole_when_all_of_its_parts_are_there() {
+    fn a_tick_is_complete_with_all_its_parts() {
         let mut holes = Holes::new(SESSION, 1, 2);
         holes.patches(&patches(0, 0, 2, 0));
         holes.patches(&patches(0, 0, 2, 0));
@@ -323,14 +324,14 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_ends_the_asking_and_only_a_written_set_fills() {
+    fn an_answer_ends_requests_and_only_a_written_set_fills() {
         let mut holes = Holes::new(SESSION, 1, 2);
         for tick in [0, 9] {
             holes.patches(&patches(tick, 0, 1, 0));
             holes.worked_on(Tick(tick));
         }
         assert_eq!(holes_of(&holes), [[1, 7]]);
-        // A ring that was written over, made elsewhere or lost sets has nothing of them.
+        // A ring that was overwritten, created elsewhere or lost sets has none of them.
         holes.answered(0, [Tick(1), Tick(7)]);
         assert_eq!((holes.oldest(0), holes.left()), (None, 6));
         holes.patches(&patches(3, 0, 2, 0));
@@ -341,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_came_by_themselves_and_parts_that_were_delivered_make_a_tick_whole() {
+    fn live_and_delivered_parts_complete_a_tick() {
         let mut holes = Holes::new(SESSION, 1, 2);
         holes.patches(&patches(0, 0, 1, 0));
         holes.patches(&patches(1, 0, 2, 0));
@@ -352,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_set_closes_its_hole_and_a_silent_edge_is_not_asked() {
+    fn a_late_set_fills_its_hole_and_a_silent_edge_gets_no_request() {
         let mut holes = Holes::new(SESSION, 1, 2);
         holes.patches(&patches(0, 0, 1, 0));
         holes.worked_on(Tick(6));
@@ -365,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_that_an_edge_leaves_out_are_no_holes() {
+    fn ticks_that_an_edge_skips_are_no_holes() {
         let mut holes = Holes::new(SESSION, 1, 2);
         holes.works_on_every(0, 3);
         for tick in 0..40 {
@@ -381,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn strangers_leave_no_trace() {
+    fn foreign_sets_are_ignored() {
         let mut holes = Holes::new(SESSION, 1, 2);
         holes.patches(&patches(10, 0, 1, 0));
         holes.worked_on(Tick(10));
@@ -391,18 +392,18 @@ mod tests {
         };
         holes.patches(&of_another);
         holes.patches(&patches(i64::MAX, 0, 1, 0));
-        let of_nobody = PatchSet {
+        let foreign = PatchSet {
             viewpoint: ViewpointIndex(9),
             ..patches(11, 0, 1, 0)
         };
-        holes.patches(&of_nobody);
+        holes.patches(&foreign);
         holes.worked_on(Tick(14));
         assert_eq!(holes_of(&holes), [[11, 12]]);
     }
 
     proptest! {
         #[test]
-        fn the_holes_are_the_ticks_that_did_not_come(
+        fn holes_are_the_missing_ticks(
             came in prop::collection::btree_set(0i64..200, 1..150),
             filled in prop::collection::vec((0i64..200, 1i64..50), 0..20),
         ) {

@@ -1,12 +1,13 @@
-//! Recordings: MCAP files of everything that fusion received and sent, and of what it used for each tick.
+//! Recordings: MCAP files of everything that fusion received and sent, and of what it used for each
+//! tick.
 //!
-//! [`writer`] writes to whatever takes bytes, [`reader`] reads from whatever has them, [`replay`] solves a
-//! recording again, [`messages`] gives what passed, in time, [`published`] the poses. No file is opened here, and no clock read: times come with the messages. A recording
-//! holds no pictures.
+//! [`writer`] writes to any sink, [`reader`] reads from any source, [`replay`] computes a recording
+//! again, [`messages`] returns the messages in order of time, [`published`] the poses. No file is
+//! opened here, and no clock is read: times come with the messages. A recording has no pictures.
 //!
-//! Channels are Zenoh keys with the bytes as they travelled (message encoding `farfield-wire`); log time
-//! is arrival, publish time sending. What an edge delivered after an outage stands in channels of its own,
-//! `{venue}/fill/{viewpoint}/patch` and `.../sighting`. Poses stand there once more as JSON.
+//! Channels are Zenoh keys with the original bytes (message encoding `farfield-wire`); log time is
+//! arrival, publish time sending. Sets that an edge delivered after an outage are in separate
+//! channels, `{venue}/fill/{viewpoint}/patch` and `.../sighting`. Poses are also stored as JSON.
 
 use mcap::records::Record;
 
@@ -24,9 +25,9 @@ pub mod writer;
 
 pub use self::reading::{attached, messages, published, reader};
 
-/// Profile of the files' header: what tells our recordings from other MCAP files.
+/// Profile of the files' header: it distinguishes our recordings from other MCAP files.
 pub const PROFILE: &str = "farfield";
-/// Message encoding of what travelled.
+/// Message encoding of the original bytes.
 pub const WIRE_ENCODING: &str = "farfield-wire";
 /// Name of the metadata record with [`writer::Head::facts`].
 pub const FACTS: &str = "farfield";
@@ -37,15 +38,16 @@ pub const CALIBRATION_FILE: &str = "calibration.toml";
 /// Name of the attached card of the keypoint network.
 pub const CARD_FILE: &str = "network.toml";
 
-/// Most profiles of subjects that a recording carries.
+/// Most profiles of subjects in a recording.
 const MAX_SUBJECT_FILES: usize = 256;
 
-/// Name of the attached profile of the venue's subject of that number, from 1, in the order of the venue file.
+/// Name of the attached profile of the venue's subject with that number, from 1, in the order of
+/// the venue file.
 pub fn subject_file(number: usize) -> String {
     format!("subject-{number}.toml")
 }
 
-/// Whether an attached file of that name is the profile of a subject.
+/// Whether an attached file with that name is the profile of a subject.
 fn is_subject_file(name: &str) -> bool {
     let number = name.strip_prefix("subject-");
     let number = number.and_then(|rest| rest.strip_suffix(".toml"));
@@ -53,11 +55,11 @@ fn is_subject_file(name: &str) -> bool {
     number.is_some_and(|n| (1..=MAX_SUBJECT_FILES).contains(&n) && subject_file(n) == name)
 }
 
-/// Most bytes of an attached file: a replay takes no longer ones.
+/// Most bytes of an attached file that a replay accepts.
 pub const MAX_ATTACHED_BYTES: u64 = framing::MAX_RECORD_BYTES - 4096;
 
-/// Of which venue a file is that begins with `head`; `None` when it is no recording of ours, or `head` too
-/// short. The metadata of what fusion and recorder write stand first: some thousands of bytes are enough.
+/// Venue of a file that begins with `head`; `None` if it is not our recording, or `head` is too
+/// short. Fusion and recorder write the metadata first: some thousands of bytes suffice.
 pub fn venue_of(head: &[u8]) -> Option<String> {
     let mut venue = None;
     let mut meet = |record: Record<'_>, _| {
@@ -67,12 +69,12 @@ pub fn venue_of(head: &[u8]) -> Option<String> {
             venue = venue.take().or(facts.metadata.remove("venue"));
         }
     };
-    // What comes after the metadata is cut off somewhere: that is no matter here.
+    // The data after the metadata is cut off somewhere, which does not matter here.
     drop(framing::walk(&mut std::io::Cursor::new(head), &mut meet));
     venue.filter(|_| is_ours(head))
 }
 
-/// Whether a file that begins with `head` (64 bytes are enough) is a recording of ours.
+/// Whether a file that begins with `head` (64 bytes suffice) is our recording.
 pub fn is_ours(head: &[u8]) -> bool {
     // Magic, opcode and length of the header, length of the profile.
     let profile_at = mcap::MAGIC.len() + 1 + 8 + 4;

@@ -1,5 +1,5 @@
-//! Poses as JSON, for programs that do not know our wire: one message per tick, each person as it
-//! stands in a line of `poses.jsonl`.
+//! Poses as JSON, for other programs: one message per tick, each person as in a line of
+//! `poses.jsonl`.
 
 use farfield_proto::message::PoseSet;
 use farfield_proto::tick::Tick;
@@ -68,7 +68,7 @@ mod tests {
     use crate::export::fixture;
 
     #[test]
-    fn a_message_holds_the_lines_of_its_tick_and_only_what_the_schema_names() {
+    fn a_message_has_the_lines_of_its_tick_and_fits_the_schema() {
         let poses = PoseSet {
             session: SessionId(1),
             tick: Tick(7),

@@ -1,10 +1,10 @@
-//! Whose the patches of a recording are when it is solved again in another way: tracks may be
-//! initiated at other ticks, and get other ids.
+//! Owners of the patches of a recording in a different replay, where tracks may be initiated at
+//! other ticks and get other ids.
 //!
-//! A patch names a person of the recorded run. Who that is now is seen from where the crops lie: the person
-//! whose predicted boxes fit the recorded crops best, over all viewpoints. A match is kept for as long as
-//! it fits at all, so that two persons who cross do not swap their patches. Patches that fit nobody
-//! are dropped: their person is initiated from sightings, as in any run.
+//! A patch belongs to a person of the recorded run. The corresponding person of the replay is the
+//! one whose predicted boxes fit the recorded crops best, over all viewpoints. A match is kept
+//! while it fits at all, so that two persons who cross do not swap their patches. Patches that fit
+//! no person are dropped: their person is initiated from sightings, as in any run.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,7 +16,7 @@ use crate::align::TickGroup;
 /// Distance of a crop's centre from the box's, in heights of the box, up to which they are matched.
 const NEW_MATCH: f64 = 0.35;
 /// The same for a pair that was matched at the last tick.
-const KEPT_MATCH: f64 = 0.6;
+const REPEATED_MATCH: f64 = 0.6;
 
 /// Matches the persons of a recording with those of a replay.
 #[derive(Debug, Default)]
@@ -24,12 +24,12 @@ pub(super) struct Renumber {
     names: BTreeMap<PersonId, PersonId>,
 }
 
-/// Where a replay's person is expected: centre and height, pixels.
+/// Expected place of a replayed person: centre and height, pixels.
 type Expected = BTreeMap<(CameraIndex, PersonId), ([f64; 2], f64)>;
 
 impl Renumber {
-    /// Gives the patches of `group` the ids of the persons for whom `boxes` were made; returns how
-    /// many were dropped.
+    /// Gives the patches of `group` the ids of the persons of `boxes`; returns how many were
+    /// dropped.
     pub(super) fn apply(&mut self, group: &mut TickGroup, boxes: &[BoxSet]) -> u64 {
         let expected = expected(boxes);
         let misfits = misfits(group, &expected);
@@ -82,7 +82,7 @@ fn misfits(group: &TickGroup, expected: &Expected) -> BTreeMap<(PersonId, Person
         .collect()
 }
 
-/// How far the crop's centre is from the box's, in heights of the box.
+/// Distance of the crop's centre from the box's, in heights of the box.
 fn misfit(patch: &PersonPatch, &(center_px, height_px): &([f64; 2], f64)) -> f64 {
     let Some(crop) = patch.crops.first() else {
         return f64::INFINITY;
@@ -92,7 +92,7 @@ fn misfit(patch: &PersonPatch, &(center_px, height_px): &([f64; 2], f64)) -> f64
     libm::hypot(center.x() - center_px[0], center.y() - center_px[1]) / height_px
 }
 
-/// Who is who: first the pairs that still fit, then the others, the best fit first.
+/// The matches: first the pairs that still fit, then the others, the best fit first.
 fn matched(
     misfits: &BTreeMap<(PersonId, PersonId), f64>,
     known: &BTreeMap<PersonId, PersonId>,
@@ -101,7 +101,7 @@ fn matched(
     let mut pairs: Vec<(bool, f64, (PersonId, PersonId))> = misfits
         .iter()
         .map(|(&pair, &misfit)| (!is_known(&pair), misfit, pair))
-        .filter(|(new, misfit, _)| *misfit <= if *new { NEW_MATCH } else { KEPT_MATCH })
+        .filter(|(new, misfit, _)| *misfit <= if *new { NEW_MATCH } else { REPEATED_MATCH })
         .collect();
     pairs.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let (mut names, mut taken) = (BTreeMap::new(), BTreeSet::new());
@@ -203,11 +203,11 @@ mod tests {
         let mut group = group(vec![patch(1, 500.0), patch(2, 100.0), patch(3, 900.0)]);
         let dropped = Renumber::default().apply(&mut group, &boxes(&[(1, 105.0), (2, 510.0)]));
         assert_eq!(ids(&group), [2, 1]);
-        assert_eq!(dropped, 1, "nobody is where the third was");
+        assert_eq!(dropped, 1, "no person is where the third was");
     }
 
     #[test]
-    fn two_who_cross_keep_their_patches() {
+    fn two_crossing_people_keep_their_patches() {
         let mut renumber = Renumber::default();
         let mut apart = group(vec![patch(1, 100.0), patch(2, 300.0)]);
         renumber.apply(&mut apart, &boxes(&[(7, 100.0), (8, 300.0)]));

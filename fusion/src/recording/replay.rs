@@ -1,4 +1,4 @@
-//! Solves a recording again, tick by tick, in lock-step with the file.
+//! Replays a recording, tick by tick, in lock-step with the file.
 
 use std::io::{Read, Seek};
 
@@ -13,63 +13,63 @@ use crate::align::{Gather, TickGroup};
 use crate::camera_agreement::AgreementSamples;
 use crate::pipeline::{Pipeline, Stage, StepOutput};
 
-/// Ticks without any set that a replay goes through per set that is there, and beside them: what is
-/// farther apart is no recording of one run.
+/// Most empty ticks of a replay per recorded set, in addition to [`MAX_EMPTY`]: a longer range is
+/// not one run.
 const MAX_EMPTY_PER_SET: u64 = 64;
-/// See [`MAX_EMPTY_PER_SET`]; a decision that is farther from its neighbours is none of the run's.
+/// See [`MAX_EMPTY_PER_SET`]; a decision farther from its neighbours does not belong to the run.
 const MAX_EMPTY: u64 = 36_000;
 
 /// Which of the recorded sets a replay uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Choice {
-    /// Those that fusion used then.
+    /// Those that fusion used.
     Decided,
-    /// All: those that came late and those that were delivered after an outage, too.
+    /// All, also late ones and those delivered after an outage.
     All,
 }
 
-/// Whose the patches are.
+/// Owners of patches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PatchOwners {
-    /// The person's whom they name: the replay numbers people as the recorded run did, because it gets
-    /// the same input.
+    /// The recorded person: the replay has the same ids as the recorded run, because it has the
+    /// same input.
     AsRecorded,
-    /// The person's whose predicted boxes they fit: tracks may be initiated at other ticks.
+    /// The person whose predicted boxes fit: tracks may be initiated at other ticks.
     ByPlace,
 }
 
-/// What a replay has gone through so far.
+/// Counts of a replay so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ReplayTally {
-    /// Ticks that were computed.
+    /// Computed ticks.
     pub ticks: u64,
-    /// Ticks whose poses are those that were published then, bit for bit.
+    /// Ticks whose poses equal the published ones, bit for bit.
     pub same: u64,
-    /// Ticks whose poses differ from those that were published then.
+    /// Ticks whose poses differ from the published ones.
     pub different: u64,
-    /// Sets that were used.
+    /// Used sets.
     pub sets: u64,
-    /// Ticks of which it is not known what fusion used: all of their sets were used.
+    /// Ticks without a recorded decision: all of their sets were used.
     pub undecided: u64,
-    /// Sets that fusion used then, and that are not in the file.
+    /// Sets that fusion used, and that are not in the file.
     pub missing: u64,
     /// Sets that contradict another of their tick.
     pub refused: u64,
-    /// Patches of persons whom the replay does not have (see [`PatchOwners::ByPlace`]).
+    /// Patches of persons that the replay does not have (see [`PatchOwners::ByPlace`]).
     pub nobodys: u64,
-    /// Decisions of ticks far from those of the run, which were left out.
+    /// Decisions far from those of the run, which were skipped.
     pub far: u64,
 }
 
-/// What fusion got at a tick.
+/// Input of fusion at a tick.
 pub struct RecordedTick {
-    /// The sets that are used.
+    /// The used sets.
     pub group: TickGroup,
-    /// How many ticks ahead the boxes of each viewpoint were made for, if that was recorded.
+    /// How many ticks ahead the boxes of each viewpoint were made, if recorded.
     horizons_ticks: Vec<f64>,
 }
 
-/// Why a recording cannot be solved.
+/// Why a recording cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// The file cannot be read.
@@ -87,7 +87,7 @@ pub enum ReplayError {
     },
 }
 
-/// A session of a recording on its way through the core.
+/// A session of a recording in replay.
 pub struct Replay<R> {
     recording: Recording<R>,
     part: SessionPart,
@@ -96,14 +96,14 @@ pub struct Replay<R> {
     choice: Choice,
     renumber: Option<Renumber>,
     boxes: Vec<BoxSet>,
-    /// The ticks to go through, the last first.
+    /// The remaining ticks, the last first.
     to_do: Vec<Tick>,
     tally: ReplayTally,
 }
 
 impl<R: Read + Seek> Replay<R> {
-    /// Begins `part` of `recording`. `pipeline` must be new, and of the part's session. Without recorded
-    /// decisions, every set is used.
+    /// Begins `part` of `recording`. `pipeline` must be new, and of the part's session. Without
+    /// recorded decisions, every set is used.
     ///
     /// # Errors
     /// [`ReplayError::Span`].
@@ -119,7 +119,7 @@ impl<R: Read + Seek> Replay<R> {
         } else {
             choice
         };
-        let far = leave_out_far(&mut part);
+        let far = remove_far_decisions(&mut part);
         let mut replay = Self {
             recording,
             part,
@@ -138,7 +138,7 @@ impl<R: Read + Seek> Replay<R> {
         Ok(replay)
     }
 
-    /// Goes back to before the first tick. `pipeline` must be new, and of the part's session.
+    /// Restarts before the first tick. `pipeline` must be new, and of the part's session.
     ///
     /// # Errors
     /// [`ReplayError::Span`].
@@ -156,7 +156,7 @@ impl<R: Read + Seek> Replay<R> {
 
     fn begin(&mut self) -> Result<(), ReplayError> {
         self.to_do = ticks(&self.part)?;
-        // People who are told by place may be met in the middle of a run, whose beginning is nothing to them.
+        // With owners by place, a replay may begin in the middle of a run.
         let decision = self.part.decisions.first();
         let first = decision.map(|decision| match self.renumber {
             None => decision.first,
@@ -172,10 +172,10 @@ impl<R: Read + Seek> Replay<R> {
         Ok(())
     }
 
-    /// Computes the next tick; `None` when there is none.
+    /// Computes the next tick; `None` at the end.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file cannot be read any more.
     pub fn step(&mut self) -> Result<Option<StepOutput>, RecordingError> {
         let Some(recorded) = self.read()? else {
             return Ok(None);
@@ -183,10 +183,10 @@ impl<R: Read + Seek> Replay<R> {
         self.solve(&recorded, &mut |_| {}).map(Some)
     }
 
-    /// What fusion got at the next tick; `None` when there is none.
+    /// Reads the input of the next tick; `None` at the end.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file cannot be read any more.
     pub fn read(&mut self) -> Result<Option<RecordedTick>, RecordingError> {
         let Some(tick) = self.to_do.pop() else {
             return Ok(None);
@@ -205,10 +205,10 @@ impl<R: Read + Seek> Replay<R> {
         }))
     }
 
-    /// Computes the tick that was read last. `mark` is told after each stage.
+    /// Computes the last read tick. Calls `mark` after each stage.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file cannot be read any more.
     pub fn solve(
         &mut self,
         recorded: &RecordedTick,
@@ -219,7 +219,7 @@ impl<R: Read + Seek> Replay<R> {
             horizons_ticks,
         } = recorded;
         if !horizons_ticks.is_empty() {
-            // They say for which ticks every edge was asked for a detection pass.
+            // They determine for which ticks each edge was asked for a detection pass.
             self.pipeline.set_horizons(horizons_ticks);
         }
         let output = self.pipeline.step(group, mark);
@@ -241,23 +241,22 @@ impl<R: Read + Seek> Replay<R> {
         self.pipeline.keypoints()
     }
 
-    /// What tells whether the cameras agree, as far as it is kept.
+    /// Samples for camera agreement, as far as they are stored.
     pub fn agreement(&self) -> AgreementSamples {
         self.pipeline.agreement()
     }
 
-    /// The ticks that were still held back when the last was done.
+    /// The ticks still held after the last one.
     pub fn finish(&mut self) -> Vec<PoseSet> {
         self.pipeline.finish()
     }
 
-    /// The smoothed poses that were still held back when the last tick was done, where the pipeline
-    /// smooths.
+    /// The smoothed poses still held after the last tick, if the pipeline smooths.
     pub fn finish_smoothed(&mut self) -> Vec<PoseSet> {
         self.pipeline.finish_smoothed()
     }
 
-    /// What has been gone through so far.
+    /// The counts so far.
     pub fn tally(&self) -> ReplayTally {
         self.tally
     }
@@ -267,17 +266,17 @@ impl<R: Read + Seek> Replay<R> {
         self.choice
     }
 
-    /// The first and the last tick that are still to be done.
+    /// The first and the last remaining tick.
     pub fn span(&self) -> Option<[Tick; 2]> {
         Some([*self.to_do.last()?, *self.to_do.first()?])
     }
 
-    /// Ticks that are still to be done.
+    /// Number of remaining ticks.
     pub fn left(&self) -> usize {
         self.to_do.len()
     }
 
-    /// The sets of a tick, held to the same rules as messages from the network.
+    /// The sets of a tick, under the same rules as messages from the network.
     fn group(
         &mut self,
         tick: Tick,
@@ -323,9 +322,9 @@ impl<R: Read + Seek> Replay<R> {
     }
 }
 
-/// Where the decisions lie too far apart for one run, leaves all out but those of the longest stretch: one
-/// that somebody made up must not cost the recording. Returns how many went.
-fn leave_out_far(part: &mut SessionPart) -> u64 {
+/// If the decisions are too far apart for one run, removes all except the longest stretch: a forged
+/// one must not make the recording unusable. Returns how many were removed.
+fn remove_far_decisions(part: &mut SessionPart) -> u64 {
     if !is_too_long(part, span(part)) {
         return 0;
     }
@@ -338,12 +337,12 @@ fn leave_out_far(part: &mut SessionPart) -> u64 {
 fn longest_stretch(decisions: &[Decision]) -> &[Decision] {
     let is_near = |a: &Decision, b: &Decision| (b.tick - a.tick).unsigned_abs() <= MAX_EMPTY;
     let stretches = decisions.chunk_by(is_near);
-    // Of two that are equally long, the first.
+    // Of two equally long ones, the first.
     let longest = stretches.rev().max_by_key(|stretch| stretch.len());
     longest.unwrap_or_default()
 }
 
-/// The decision with which a replay of `part` begins: the first of those that are not left out.
+/// The first decision of a replay of `part`, after skipped ones.
 pub fn first_decision(part: &SessionPart) -> Option<&Decision> {
     if is_too_long(part, span(part)) {
         longest_stretch(&part.decisions).first()
@@ -364,7 +363,7 @@ fn is_too_long(part: &SessionPart, [from, to]: [Tick; 2]) -> bool {
     (to - from).unsigned_abs() > there * MAX_EMPTY_PER_SET + MAX_EMPTY
 }
 
-/// The ticks to go through, rising: those of a run follow each other without a gap.
+/// The ticks to replay, rising: those of a run have no gaps.
 fn ticks(part: &SessionPart) -> Result<Vec<Tick>, ReplayError> {
     let [from, to] = span(part);
     if is_too_long(part, [from, to]) {
@@ -404,19 +403,19 @@ mod tests {
     }
 
     #[test]
-    fn decisions_far_from_all_others_are_left_out() {
+    fn decisions_far_from_all_others_are_skipped() {
         for far in [[i64::MIN, 0, 1, 2], [0, 1, 2, 1 << 40], [0, 1, 2, i64::MAX]] {
             let mut part = part(&far);
             assert_eq!(first_decision(&part).map(|it| it.tick), Some(Tick(0)));
-            assert_eq!(leave_out_far(&mut part), 1);
+            assert_eq!(remove_far_decisions(&mut part), 1);
             assert_eq!(ticks(&part).unwrap(), [0, 1, 2].map(Tick));
         }
     }
 
     #[test]
-    fn a_long_outage_leaves_nothing_out() {
+    fn a_long_outage_skips_no_decision() {
         let mut part = part(&[0, 1, 2, 30_000]);
-        assert_eq!(leave_out_far(&mut part), 0);
+        assert_eq!(remove_far_decisions(&mut part), 0);
         assert_eq!(ticks(&part).unwrap().len(), 30_001);
     }
 }

@@ -1,4 +1,4 @@
-//! Recordings, written and read in memory: whole, torn, damaged and made up.
+//! Recordings, written and read in memory: complete, torn, damaged and forged.
 
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
@@ -81,7 +81,7 @@ fn put<W: Write, M: Message>(writer: &mut RecordingWriter<W>, topic: &str, messa
     assert!(writer.write(&passed).unwrap().is_some(), "{topic}");
 }
 
-/// Three ticks in a chunk each; of the second, `sw` came late, of the third it was filled.
+/// Three ticks in a chunk each; in the second, `sw` was late, in the third it was filled.
 pub(super) fn recording() -> Vec<u8> {
     let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
     for tick in 0..3 {
@@ -101,7 +101,7 @@ pub(super) fn recording() -> Vec<u8> {
     writer.finish().unwrap()
 }
 
-/// The same recording as it is written, and with compressed chunks.
+/// The same recording as written, and with compressed chunks.
 pub(super) fn in_all_forms() -> [Vec<u8>; 3] {
     let plain = recording();
     let [lz4, zstd] =
@@ -114,7 +114,7 @@ pub(super) fn open(bytes: &[u8]) -> Result<Recording<Cursor<&[u8]>>, RecordingEr
 }
 
 #[test]
-fn what_was_written_is_read() {
+fn a_written_recording_is_read() {
     for bytes in in_all_forms() {
         let mut recording = open(&bytes).unwrap();
         assert!(recording.end().whole && recording.unreadable() == 0);
@@ -196,7 +196,7 @@ fn patches_are_stamped_with_their_sending() {
 }
 
 #[test]
-fn a_key_that_the_venue_does_not_have_is_not_recorded() {
+fn an_unknown_key_is_not_recorded() {
     let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
     let passed = PassedMessage {
         topic: "hall/patch/stranger",
@@ -207,7 +207,7 @@ fn a_key_that_the_venue_does_not_have_is_not_recorded() {
 }
 
 #[test]
-fn a_torn_file_is_read_to_its_last_finished_chunk() {
+fn a_torn_file_is_read_up_to_its_last_complete_chunk() {
     for bytes in in_all_forms() {
         let mut ticks = Vec::new();
         for len in 0..bytes.len() {
@@ -234,9 +234,10 @@ fn a_torn_file_is_read_to_its_last_finished_chunk() {
 }
 
 #[test]
-fn a_chunk_with_a_wrong_checksum_is_passed_over_and_counted() {
+fn a_chunk_with_a_wrong_checksum_is_skipped_and_counted() {
     let mut bytes = recording();
-    // In the pose of the second tick, as the first byte that differs between ticks 1 and 2 would be.
+    // In the pose of the second tick, as the first byte that differs between ticks 1 and 2 would
+    // be.
     let needle = wire::encode(&poses(1));
     let at = bytes
         .windows(needle.len())
@@ -250,7 +251,7 @@ fn a_chunk_with_a_wrong_checksum_is_passed_over_and_counted() {
 }
 
 #[test]
-fn what_is_no_recording_of_ours_is_named() {
+fn foreign_files_are_reported() {
     let refused = |bytes: &[u8]| open(bytes).err().unwrap().to_string();
     assert!(refused(b"").contains("not an MCAP file"));
     assert!(refused(&[b'x'; 4000]).contains("not an MCAP file"));
@@ -261,7 +262,7 @@ fn what_is_no_recording_of_ours_is_named() {
 }
 
 #[test]
-fn two_lives_of_fusion_are_told_apart() {
+fn two_sessions_of_fusion_are_separated() {
     let mut writer = RecordingWriter::create(Vec::new(), head()).unwrap();
     let second = SessionId(7);
     put(&mut writer, "hall/patch/ne", &patches(1, 0));
@@ -293,7 +294,7 @@ fn two_lives_of_fusion_are_told_apart() {
     assert!(recording.sets(SESSION, Tick(3)).unwrap().is_empty());
 }
 
-/// Takes so many bytes and no more, as a full disk does.
+/// Accepts this many bytes, like a full disk.
 struct Disk {
     left: usize,
     written: Vec<u8>,
@@ -316,7 +317,7 @@ impl Write for &mut Disk {
 }
 
 #[test]
-fn a_full_disk_is_an_error_and_what_was_written_can_be_read() {
+fn a_full_disk_is_an_error_and_earlier_data_is_readable() {
     let whole = recording().len();
     let mut disk = Disk {
         left: 3 * whole,
@@ -344,13 +345,13 @@ fn a_full_disk_is_an_error_and_what_was_written_can_be_read() {
 
 proptest! {
     #[test]
-    fn no_bytes_bring_the_reader_down(bytes in any::<Vec<u8>>()) {
+    fn no_bytes_panic_the_reader(bytes in any::<Vec<u8>>()) {
         drop(open(&bytes));
         drop(open(&[mcap::MAGIC, &bytes[..]].concat()));
     }
 
     #[test]
-    fn no_change_of_a_recording_brings_the_reader_down(
+    fn no_change_of_a_recording_panics_the_reader(
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
         form in 0usize..3,
     ) {
@@ -368,7 +369,7 @@ proptest! {
     }
 
     #[test]
-    fn every_set_comes_back_whatever_the_order(
+    fn every_set_is_read_in_any_order(
         ticks in prop::collection::btree_set((-1_000_000_000_000i64..1_000_000_000_000, 0u16..2), 1..40),
         seed in any::<u64>(),
     ) {
@@ -391,7 +392,7 @@ proptest! {
 }
 
 #[test]
-fn what_passed_is_given_in_time_from_any_form_of_the_file() {
+fn messages_come_in_order_of_time_from_any_form_of_a_file() {
     for bytes in in_all_forms() {
         let mut messages = MessagesInTime::open(Cursor::new(bytes.as_slice())).unwrap();
         assert_eq!(
@@ -412,7 +413,7 @@ fn what_passed_is_given_in_time_from_any_form_of_the_file() {
 }
 
 #[test]
-fn what_is_no_recording_has_no_messages() {
+fn a_foreign_file_has_no_messages() {
     let refused = MessagesInTime::open(Cursor::new(b"no MCAP file at all".as_slice()));
     assert!(refused.is_err());
     let bytes = recording();
@@ -425,7 +426,7 @@ fn what_is_no_recording_has_no_messages() {
 }
 
 #[test]
-fn poses_are_read_as_they_were_published_each_tick_once_and_the_longest_session_first() {
+fn published_poses_are_read_once_with_the_longest_session_first() {
     let mut file = Vec::new();
     let mut writer = RecordingWriter::create(&mut file, head()).unwrap();
     let other = |tick| PoseSet {

@@ -4,15 +4,15 @@ use std::collections::BTreeMap;
 
 use farfield_proto::tick::Tick;
 
-/// Half-open ranges of ticks, each with the least length that it may have.
+/// Half-open ranges of ticks, each with its minimum length.
 #[derive(Debug, Default)]
 pub(super) struct TickRanges(BTreeMap<Tick, End>);
 
-/// What is known of a range beside its first tick.
+/// Data of a range besides its first tick.
 #[derive(Debug, Clone, Copy)]
 struct End {
     to: Tick,
-    /// A rest that is shorter is dropped.
+    /// A shorter rest is dropped.
     least: i64,
 }
 
@@ -51,7 +51,7 @@ impl TickRanges {
         self.0.insert(from, End { to, least });
     }
 
-    /// Takes `from..to` out, and what is left too short.
+    /// Removes `from..to`, and rests that become too short.
     pub(super) fn cut(&mut self, [from, to]: [Tick; 2]) {
         let touched: Vec<(Tick, End)> = self
             .0
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_leaves_what_is_on_both_of_its_sides() {
+    fn a_cut_keeps_both_sides() {
         let mut some = ranges(&[[0, 10], [20, 30]], 1);
         some.cut([Tick(4), Tick(22)]);
         assert_eq!(some.all(), [[0, 4], [22, 30]]);
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rest_that_is_too_short_goes_too() {
+    fn a_rest_that_is_too_short_is_removed() {
         let mut some = ranges(&[[10, 20]], 3);
         some.cut([Tick(12), Tick(13)]);
         assert_eq!(some.all(), [[13, 20]]);

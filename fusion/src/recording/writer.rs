@@ -1,4 +1,4 @@
-//! Writes a recording: its head first, then messages in chunks, each readable when it is finished.
+//! Writes a recording: its head first, then messages in chunks, each readable once it is finished.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -14,10 +14,10 @@ use super::channels::{Channel, Content, channels};
 use super::{FACTS, PROFILE, WIRE_ENCODING, poses_json};
 use crate::export::Layout;
 
-/// Bytes after which a chunk is finished, whatever its age.
+/// Size at which a chunk is finished, at any age.
 const CHUNK_BYTES: u64 = 4 << 20;
 
-/// What a recording says of itself before the first message.
+/// Metadata of a recording before the first message.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Head {
     /// The venue's name: the first part of every topic.
@@ -30,24 +30,24 @@ pub struct Head {
     pub started_ns: u64,
     /// Files to attach, by name.
     pub files: Vec<(String, Vec<u8>)>,
-    /// Versions, fingerprints, who records.
+    /// Versions, fingerprints, recorder.
     pub facts: BTreeMap<String, String>,
-    /// What the numbers of a pose are called; `None`: poses are not recorded as JSON.
+    /// Names of a pose's numbers; `None`: poses are not recorded as JSON.
     pub json_poses: Option<Layout>,
 }
 
-/// One message that passed.
+/// One recorded message.
 #[derive(Debug, Clone, Copy)]
 pub struct PassedMessage<'a> {
-    /// The key under which it passed, or the topic of what was filled.
+    /// Its key, or the topic of a filled set.
     pub topic: &'a str,
-    /// The bytes that travelled.
+    /// The original bytes.
     pub bytes: &'a [u8],
-    /// When it arrived or was said: Unix time, nanoseconds.
+    /// Time of arrival or sending: Unix time, nanoseconds.
     pub log_ns: u64,
 }
 
-/// A channel under way.
+/// An open channel.
 struct Open {
     id: u16,
     content: Content,
@@ -61,14 +61,14 @@ pub struct RecordingWriter<W: Write> {
     json_topic: String,
     json_poses: Option<Layout>,
     rate_hz: f64,
-    /// Unix time of tick 0, microseconds, once a box set has said it.
+    /// Unix time of tick 0, microseconds, from the first box set.
     epoch_us: Option<u64>,
     /// Whether a chunk is begun.
     unfinished: bool,
 }
 
 impl<W: Write> RecordingWriter<W> {
-    /// Begins a recording in `sink`, which is written to from front to back only.
+    /// Begins a recording in `sink`, which is written only sequentially.
     ///
     /// # Errors
     /// Those of `sink`.
@@ -82,7 +82,7 @@ impl<W: Write> RecordingWriter<W> {
             ))
             .compression(None)
             .chunk_size(Some(CHUNK_BYTES))
-            // A chunk goes to the file when it is whole: what is torn is then torn between records.
+            // A chunk is written when it is complete: so a torn file is torn between records.
             .disable_seeking(true);
         let mut file = options.create(NoSeek::new(sink)).map_err(io_error)?;
         file.write_metadata(&Metadata {
@@ -141,7 +141,8 @@ impl<W: Write> RecordingWriter<W> {
         Ok(this)
     }
 
-    /// Adds a message, and says what it is; `None`: its topic is none of the recording's.
+    /// Adds a message, and returns its content; `None` if its topic does not belong to the
+    /// recording.
     ///
     /// # Errors
     /// Those of the sink.
@@ -172,7 +173,7 @@ impl<W: Write> RecordingWriter<W> {
         Ok(Some(content))
     }
 
-    /// Finishes the chunk, so that what has been written so far can be read whatever comes.
+    /// Finishes the chunk, so that everything so far stays readable.
     ///
     /// # Errors
     /// Those of the sink.
@@ -211,7 +212,7 @@ impl<W: Write> RecordingWriter<W> {
             .map_err(io_error)
     }
 
-    /// When the sender says that it sent, Unix time.
+    /// The sender's time of sending, Unix time.
     fn sent_ns(&self, content: Content, bytes: &[u8]) -> Option<u64> {
         let is_patches = matches!(
             content,

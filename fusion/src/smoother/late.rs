@@ -1,14 +1,14 @@
-//! What came after its tick was solved, and before the tick leaves the delay.
+//! Patches that came after their tick was solved, and before the tick leaves the delay.
 //!
-//! The late view is searched alone, around what was found or predicted at its tick, and its keypoints are
-//! joined to those that were there by what each is known to:
+//! The late view is searched alone, around the found or predicted keypoints of its tick. Its
+//! keypoints are joined with the existing ones by their information:
 //!
 //! ```text
 //!   (I + Iₗ) x = I p + Iₗ pₗ            I: inverse covariance (a view knows nothing along its ray)
 //! ```
 //!
-//! Then the first inverse kinematics of that tick is solved again. Who occludes whom, and whose a peak is that
-//! several show, is not asked again: the search is near, and one view among several.
+//! Then the first inverse kinematics of that tick is solved again. Occlusion and peak assignment
+//! are not repeated: the search is local, and it is one view among several.
 
 use farfield_proto::message::{PersonPatch, PersonState};
 use farfield_proto::tick::Tick;
@@ -25,26 +25,27 @@ use crate::estimate::lattice::LatticeSearch;
 use crate::estimate::uncertainty::{BodyObservation, MadeOf, weigh_views};
 use crate::method::{Method, VenueView};
 
-/// Sine of the angle between two rays from which they meet in a place, and not in a line (10 degrees).
+/// Sine of the angle between two rays from which they determine a place, and not only a line (10
+/// degrees).
 const CROSSING: f64 = 0.174;
-/// A keypoint whose late place is farther from the one that several views agreed on is somebody else's,
-/// metres.
+/// Distance of a late keypoint from the place that several views agreed on, beyond which it belongs
+/// to another person, metres.
 const SAME_M: f64 = 0.15;
-/// What holds a place along a ray that all views share: inverse variance, 1/m².
-const HELD: f64 = 1.0;
+/// Inverse variance that keeps a place along a ray common to all views, 1/m².
+const KEEP_INFORMATION: f64 = 1.0;
 
-/// A late patch, and whose it is.
+/// A late patch with its camera and tick.
 pub(super) struct Late<'a> {
     pub(super) patch: &'a PersonPatch,
     pub(super) camera: &'a VenueView,
     pub(super) tick: Tick,
 }
 
-/// The body that a late patch is of.
+/// The body of a late patch.
 pub(super) struct LateBody<'a> {
     pub(super) skeleton: &'a Skeleton,
     pub(super) sites: &'a [Option<Site>],
-    /// Its pose at the tick before.
+    /// Its pose at the previous tick.
     pub(super) before: Pose,
 }
 
@@ -76,7 +77,8 @@ impl LateSearch {
         }
     }
 
-    /// Adds what `late` shows to `moment`, of the person that is `body`; returns whether it shows anything.
+    /// Adds the evidence of `late` to `moment`, for the person with `body`; returns whether there
+    /// is any.
     pub(super) fn add(
         &mut self,
         late: &Late<'_>,
@@ -121,7 +123,7 @@ impl LateSearch {
         true
     }
 
-    /// Says where the keypoints are looked for: where they were found or predicted.
+    /// Sets the places to search: the found or predicted ones.
     fn expect(&mut self, body: &LateBody<'_>, moment: &TickSnapshot) {
         body.skeleton.forward(&moment.pose, &mut self.kinematics);
         let kinematics = &self.kinematics;
@@ -175,7 +177,7 @@ impl LateSearch {
     }
 }
 
-/// Adds what a late view found of a keypoint to what was known of it; returns whether that changed anything.
+/// Adds the late estimate of a keypoint to the existing one; returns whether it changed.
 fn join(own: &mut KeypointEstimate, late: &KeypointEstimate) -> bool {
     if late.weight <= 0.0 {
         return false;
@@ -188,7 +190,7 @@ fn join(own: &mut KeypointEstimate, late: &KeypointEstimate) -> bool {
         return false;
     }
     let information = own.information + late.information;
-    let held = Matrix3::identity() * HELD;
+    let held = Matrix3::identity() * KEEP_INFORMATION;
     let pull = (own.information + held) * own.position_m + late.information * late.position_m;
     let Some(position_m) = (information + held)
         .cholesky()

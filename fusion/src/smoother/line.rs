@@ -5,47 +5,47 @@
 //!   F = (1 h h²/2; 0 1 h; 0 0 1),          Q = q (h⁵/20 h⁴/8 h³/6; h⁴/8 h³/3 h²/2; h³/6 h²/2 h)
 //! ```
 //!
-//! The acceleration wanders with the spectral density q of its derivative (m²/s⁵), which grows with the
-//! point's speed; a measurement has one variance for all three axes, so the axes share their covariance.
-//! The way back is Bierman's form of the Rauch-Tung-Striebel smoother: it inverts nothing but the scalar S,
-//! and a tick without a measurement is one step less.
+//! The acceleration changes randomly with the spectral density q of its derivative (m²/s⁵), which
+//! grows with the point's speed. A measurement has one variance for all three axes, so the axes
+//! share their covariance. The backward pass is Bierman's form of the Rauch-Tung-Striebel smoother:
+//! it inverts only the scalar S, and a tick without a measurement is one step less.
 //!
 //! ```text
 //!   forward    S = H P Hᵀ + r,   K = P Hᵀ/S,   e = z - H x
-//!   back       λ <- (I - KH)ᵀ λ - Hᵀ e/S,   Λ <- (I - KH)ᵀ Λ (I - KH) + Hᵀ H/S       where something was measured
+//!     back       λ <- (I - KH)ᵀ λ - Hᵀ e/S,   Λ <- (I - KH)ᵀ Λ (I - KH) + Hᵀ H/S       at measurements
 //!              xs = x - P λ,   Ps = P - P Λ P,   λ <- Fᵀ λ,   Λ <- Fᵀ Λ F            (x, P: predicted)
 //! ```
 //!
-//! The form is known as the modified Bryson-Frazier smoother; what it must give is tested against weighted
-//! least squares over the whole window.
+//! The form is known as the modified Bryson-Frazier smoother. It is tested against weighted least
+//! squares over the whole window.
 
 use nalgebra::{Matrix3, RowVector3, Vector3};
 
-/// What a tick says of a point.
+/// Measurement of a point at a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Measure {
-    /// Where it was measured, world, metres.
+    /// Measured place, world, metres.
     pub(super) place_m: Vector3<f64>,
-    /// Variance per axis, m²; infinite where nothing was measured.
+    /// Variance per axis, m²; infinite without a measurement.
     pub(super) variance_m2: f64,
-    /// Time since the tick before, seconds.
+    /// Time since the previous tick, seconds.
     pub(super) since_s: f64,
     /// Spectral density of the jerk since then, m²/s⁵.
     pub(super) jerk: f64,
 }
 
-/// What is known of a point after a tick, from all ticks up to it.
+/// State of a point after a tick, from all ticks up to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Belief {
+pub(super) struct PointState {
     /// Rows: place (m), velocity (m/s), acceleration (m/s²); columns: axes of the world.
     state: Matrix3<f64>,
     /// Of the rows, the same for all axes.
     covariance: Matrix3<f64>,
 }
 
-impl Belief {
-    /// Somewhere near `place_m`, moving anyhow: `spreads` are one standard deviation of place (m), velocity
-    /// (m/s) and acceleration (m/s²).
+impl PointState {
+    /// A point near `place_m` with unknown motion: `spreads` are one standard deviation of place
+    /// (m), velocity (m/s) and acceleration (m/s²).
     pub(super) fn near(place_m: Vector3<f64>, spreads: [f64; 3]) -> Self {
         let mut state = Matrix3::zeros();
         state.set_row(0, &place_m.transpose());
@@ -56,7 +56,7 @@ impl Belief {
     }
 }
 
-/// What is known of a point at a tick, from all ticks of the window.
+/// State of a point at a tick, from all ticks of the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct KnownPoint {
     /// World, metres.
@@ -67,7 +67,7 @@ pub(super) struct KnownPoint {
     pub(super) variance_m2: f64,
 }
 
-/// One tick on the way forward.
+/// One tick of the forward pass.
 #[derive(Debug, Clone, Copy)]
 struct LineStep {
     transition: Matrix3<f64>,
@@ -75,7 +75,7 @@ struct LineStep {
     covariance: Matrix3<f64>,
     innovation: RowVector3<f64>,
     gain: Vector3<f64>,
-    /// 1/S; 0 where nothing was measured.
+    /// 1/S; 0 without a measurement.
     precision: f64,
 }
 
@@ -86,11 +86,11 @@ pub(super) struct JointLine {
 }
 
 impl JointLine {
-    /// Smooths `measures`, in the order of time, into `known`, one each; `before` is what was known at the
-    /// tick before the first. Allocates only while windows grow.
+    /// Smooths `measures`, in the order of time, into `known`, one each; `before` is the state at
+    /// the tick before the first. Allocates only while windows grow.
     pub(super) fn smooth(
         &mut self,
-        before: &Belief,
+        before: &PointState,
         measures: &[Measure],
         known: &mut Vec<KnownPoint>,
     ) {
@@ -98,12 +98,12 @@ impl JointLine {
         self.back(known);
     }
 
-    /// What was known after tick `n` of the last [`Self::smooth`], from it and those before alone.
-    pub(super) fn after(&self, n: usize) -> Option<Belief> {
+    /// The state after tick `n` of the last [`Self::smooth`], from ticks up to it.
+    pub(super) fn after(&self, n: usize) -> Option<PointState> {
         self.steps.get(n).map(LineStep::updated)
     }
 
-    fn forward(&mut self, before: &Belief, measures: &[Measure]) {
+    fn forward(&mut self, before: &PointState, measures: &[Measure]) {
         self.steps.clear();
         let mut belief = *before;
         for measure in measures {
@@ -142,7 +142,7 @@ impl JointLine {
 }
 
 impl LineStep {
-    fn to(from: &Belief, measure: &Measure) -> Self {
+    fn to(from: &PointState, measure: &Measure) -> Self {
         let h = measure.since_s;
         let transition = Matrix3::new(1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0);
         let (h2, h3) = (h * h, h * h * h);
@@ -172,15 +172,15 @@ impl LineStep {
         }
     }
 
-    fn updated(&self) -> Belief {
+    fn updated(&self) -> PointState {
         if self.precision <= 0.0 {
-            return Belief {
+            return PointState {
                 state: self.predicted,
                 covariance: self.covariance,
             };
         }
         let covariance = self.covariance - self.gain * self.covariance.row(0);
-        Belief {
+        PointState {
             state: self.predicted + self.gain * self.innovation,
             covariance: (covariance + covariance.transpose()) * 0.5,
         }
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     const DT_S: f64 = 1.0 / 60.0;
-    /// As sure as measurements without noise are.
+    /// Variance of measurements without noise.
     const EXACT_M2: f64 = 1e-8;
     const SPREADS: [f64; 3] = [1.0, 10.0, 100.0];
 
@@ -208,14 +208,14 @@ mod tests {
         }
     }
 
-    fn smoothed(before: &Belief, measures: &[Measure]) -> Vec<KnownPoint> {
+    fn smoothed(before: &PointState, measures: &[Measure]) -> Vec<KnownPoint> {
         let mut known = Vec::new();
         JointLine::default().smooth(before, measures, &mut known);
         known
     }
 
-    fn somewhere() -> Belief {
-        Belief::near(Vector3::zeros(), SPREADS)
+    fn somewhere() -> PointState {
+        PointState::near(Vector3::zeros(), SPREADS)
     }
 
     fn any_measures() -> impl Strategy<Value = Vec<Measure>> {
@@ -231,14 +231,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_constant_velocity_comes_back_through_a_gap_too(
+        fn a_constant_velocity_is_recovered_through_a_gap(
             velocity in prop::array::uniform3(-8.0f64..8.0), gap in 5usize..20, lasts in 0usize..8,
         ) {
             let velocity = Vector3::from(velocity);
             let at = |k: usize| velocity * (DT_S * k as f64);
             let of_tick = |k| {
                 let is_lost = (gap..gap + lasts).contains(&k);
-                // Where nothing was seen, anything may stand.
+                // Unseen places may have any value.
                 let wrong = Vector3::repeat(9.0);
                 measure(
                     if is_lost { wrong } else { at(k) },
@@ -255,10 +255,11 @@ mod tests {
         }
 
         #[test]
-        fn it_is_the_least_squares_of_the_whole_window(measures in any_measures()) {
+        fn the_smoother_equals_least_squares_over_the_window(measures in any_measures()) {
             let n = measures.len();
             let known = smoothed(&somewhere(), &measures);
-            // Unknown: all states of one axis. Information of the first, of each motion and each measurement.
+            // Unknown: all states of one axis. Information of the first, of each motion and each
+            // measurement.
             let first = LineStep::to(&somewhere(), &measures[0]);
             let mut information = DMatrix::<f64>::zeros(3 * n, 3 * n);
             let mut pull = DVector::<f64>::zeros(3 * n);
@@ -272,7 +273,7 @@ mod tests {
                 if k == 0 {
                     continue;
                 }
-                let nothing = Belief { state: Matrix3::zeros(), covariance: Matrix3::zeros() };
+                let nothing = PointState { state: Matrix3::zeros(), covariance: Matrix3::zeros() };
                 let step = LineStep::to(&nothing, measure);
                 let noise = step.covariance.try_inverse().unwrap();
                 let mut between = DMatrix::<f64>::zeros(3, 3 * n);
@@ -291,7 +292,7 @@ mod tests {
         }
 
         #[test]
-        fn a_window_that_moves_on_gives_what_the_whole_gives(measures in any_measures()) {
+        fn moving_windows_equal_the_whole_one(measures in any_measures()) {
             let whole = smoothed(&somewhere(), &measures);
             let (mut line, mut known, mut before) = (JointLine::default(), Vec::new(), somewhere());
             for (k, of_whole) in whole.iter().enumerate() {
@@ -302,13 +303,13 @@ mod tests {
         }
 
         #[test]
-        fn the_same_comes_out_bit_for_bit(measures in any_measures()) {
+        fn results_repeat_bit_for_bit(measures in any_measures()) {
             prop_assert_eq!(smoothed(&somewhere(), &measures), smoothed(&somewhere(), &measures));
         }
     }
 
     #[test]
-    fn what_comes_later_makes_it_surer_and_a_gap_less_sure() {
+    fn later_ticks_reduce_the_variance_and_gaps_increase_it() {
         let mut measures = vec![measure(Vector3::zeros(), 1e-4); 30];
         let alone = smoothed(&somewhere(), &measures[..11])[10].variance_m2;
         let among = smoothed(&somewhere(), &measures)[10].variance_m2;
@@ -321,8 +322,8 @@ mod tests {
     }
 
     #[test]
-    fn nothing_measured_goes_on_as_before() {
-        let before = Belief::near(Vector3::new(1.0, 2.0, 3.0), SPREADS);
+    fn without_measurements_the_motion_continues() {
+        let before = PointState::near(Vector3::new(1.0, 2.0, 3.0), SPREADS);
         let known = smoothed(&before, &[measure(Vector3::zeros(), f64::INFINITY); 5]);
         assert!(
             known

@@ -1,20 +1,20 @@
-//! The smoothed output: poses that know what came after them.
+//! The smoothed output: poses estimated with later evidence.
 //!
 //! ```text
-//!   tracks of a tick -> moments of each person, kept for the delay (window)
-//!     -> per joint: forward and back through time (line) -> inverse kinematics in the range of motion (solve)
-//!     -> the pose set of the tick that the delay lies behind
+//!     tracks of a tick -> snapshots of each person, stored for the delay (window)
+//!       -> per joint: forward and back through time (line) -> inverse kinematics in the range of motion (solve)
+//!       -> the pose set of the tick at the end of the delay
 //! ```
 //!
-//! Who a pose belongs to and whether it is one are what is known at the end of the delay: of a person who was
-//! confirmed since, the first ticks that the delay still holds are there, with its newest lengths (all of them in
-//! two passes; a delay that is shorter than it takes to confirm somebody begins later); what turned out to be somebody
-//! else's is taken back; who was lost for less than the delay is carried from where it was last seen to where
-//! it was seen again. The live output does not change by it: nothing flows back.
+//! Identities are those known at the end of the delay. A person confirmed since then has its first
+//! ticks that are still inside the delay, with its newest lengths (all of them in two passes; a
+//! delay shorter than a confirmation begins later). Evidence that belonged to another person is
+//! discarded. A person lost for less than the delay is interpolated from where it was last seen to
+//! where it was seen again. The live output does not change: there is no feedback.
 //!
-//! A delay is a number of ticks. For the *two passes* over a recording it is two seconds and more, far beyond
-//! what a joint remembers, so the poses are those of a smoother over the whole recording; memory stays
-//! bounded all the same.
+//! A delay is a number of ticks. For the *two passes* over a recording it is at least two seconds,
+//! far longer than the memory of a joint, so the poses equal those of a smoother over the whole
+//! recording, with bounded memory.
 
 mod late;
 mod line;
@@ -34,22 +34,22 @@ use crate::estimate::estimator::TickSnapshot;
 use crate::identity::track::Track;
 use crate::method::{Method, VenueView};
 
-/// Delay of the two passes over a recording, and how much of it is solved at once, seconds.
+/// Delay of the two passes over a recording, and the time that is solved at once, seconds.
 const TWO_PASSES_S: f64 = 2.0;
 
-/// How long poses wait for what comes after them.
+/// How long poses wait for later evidence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Delay {
-    /// Ticks that a pose waits for at least.
+    /// Least ticks that a pose waits.
     lag: usize,
     /// How many ticks are solved together.
     together: usize,
-    /// Whether ticks wait until nobody is undecided in them.
+    /// Whether ticks wait until all people in them are decided.
     is_patient: bool,
 }
 
 impl Delay {
-    /// A delay of `delay_ms` milliseconds at `rate_hz`, to the nearest tick; `None` when that is none.
+    /// A delay of `delay_ms` milliseconds at `rate_hz`, rounded to ticks; `None` if that is zero.
     pub fn of_ms(delay_ms: f64, rate_hz: f64) -> Option<Self> {
         let lag = (delay_ms * 1e-3 * rate_hz).round() as usize;
         (lag > 0).then_some(Self {
@@ -70,20 +70,20 @@ impl Delay {
     }
 }
 
-/// Everybody inside the delay. In steady state a tick allocates nothing but the poses that it gives.
+/// All people inside the delay. In steady state a tick allocates only the poses that it returns.
 pub struct FixedLagSmoother {
     session: SessionId,
     delay: Delay,
-    /// The ticks that were stepped and whose poses are not out yet.
+    /// Stepped ticks whose poses are not returned yet.
     ticks: VecDeque<Tick>,
     windows: Vec<Window>,
-    /// Moments to be filled again.
+    /// Snapshots for reuse.
     spare: Vec<TickSnapshot>,
     late: LateSearch,
 }
 
 impl FixedLagSmoother {
-    /// Nobody yet.
+    /// A smoother without people.
     pub fn new(session: SessionId, delay: Delay, method: &Method) -> Self {
         Self {
             session,
@@ -95,8 +95,8 @@ impl FixedLagSmoother {
         }
     }
 
-    /// Takes in `tick`, which has left everybody as `tracks` are; gives the ticks that are final now, in
-    /// order. `undecided` is the first tick of the oldest person of whom it is not known whether it is one.
+    /// Adds `tick` with the resulting `tracks`; returns the ticks that are final now, in order.
+    /// `undecided` is the first tick of the oldest tentative person.
     pub fn step(
         &mut self,
         tick: Tick,
@@ -105,7 +105,7 @@ impl FixedLagSmoother {
         method: &Method,
     ) -> Vec<PoseSet> {
         self.ticks.push_back(tick);
-        self.hear(tick, tracks, method);
+        self.add_tick(tick, tracks, method);
         let Delay {
             lag,
             together,
@@ -120,9 +120,9 @@ impl FixedLagSmoother {
         self.release(n, method)
     }
 
-    /// Takes in a set that came after its tick was stepped; returns how many persons' poses it is of use for.
-    /// What is of another tick than those inside the delay, of nobody, of a camera that is not the viewpoint's,
-    /// or cannot be read, is of none.
+    /// Adds a set that came after its tick was stepped; returns for how many persons' poses it is
+    /// useful. It is not if its tick is outside the delay, its person or camera is unknown, or it
+    /// cannot be read.
     pub fn add_late(&mut self, set: &PatchSet, cameras: &[VenueView], method: &Method) -> u32 {
         let mut used = 0;
         for patch in &set.persons {
@@ -141,12 +141,12 @@ impl FixedLagSmoother {
         used
     }
 
-    /// Ends the run: gives the ticks that were still inside the delay.
+    /// Ends the run: returns the ticks still inside the delay.
     pub fn finish(&mut self, method: &Method) -> Vec<PoseSet> {
         self.release(self.ticks.len(), method)
     }
 
-    fn hear(&mut self, tick: Tick, tracks: &[Track], method: &Method) {
+    fn add_tick(&mut self, tick: Tick, tracks: &[Track], method: &Method) {
         for window in &mut self.windows {
             window.is_here = false;
         }
@@ -158,12 +158,12 @@ impl FixedLagSmoother {
                 self.windows.push(Window::new(track, method));
                 self.windows.len() - 1
             });
-            self.windows[at].hear(track, moment);
+            self.windows[at].add_tick(track, moment);
         }
         self.forget();
     }
 
-    /// Forgets who went without having been confirmed, and who went and is out of the delay.
+    /// Forgets people who left without confirmation, and people who left and are out of the delay.
     fn forget(&mut self) {
         let spare = &mut self.spare;
         self.windows.retain_mut(|window| {
@@ -207,8 +207,8 @@ impl FixedLagSmoother {
     }
 }
 
-/// Sorts by id. Who came back inside the delay may be told twice: by the life that is carried on, and by the
-/// one that is seen; the second is right.
+/// Sorts by id. A person who came back inside the delay may appear twice: with a predicted and a
+/// seen pose; the second is correct.
 fn one_each(mut persons: Vec<PersonPose>) -> Vec<PersonPose> {
     persons.sort_by_key(|pose| (pose.person, pose.state == PersonState::Coasting));
     persons.dedup_by_key(|pose| pose.person);

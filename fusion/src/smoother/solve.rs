@@ -1,7 +1,8 @@
-//! The pose whose joints are the smoothed ones: paper (14), a second time.
+//! The pose with the smoothed joints: paper (14), a second time.
 //!
-//! As in a track: all 29 joints are aimed at, inside the range of motion, from the last smoothed pose on; the
-//! feet that stand stay where they were put down. The lengths are the newest ones of the person.
+//! As in a track, all 29 joints are targets, inside the range of motion, starting from the last
+//! smoothed pose; standing feet stay where they were put down. The lengths are the newest ones of
+//! the person.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::message::PersonPose;
@@ -15,18 +16,18 @@ use crate::estimate::feet::Feet;
 use crate::identity::track::Track;
 use crate::method::Method;
 
-/// Root mean square distance of the joints from the smoothed ones, metres, from which the pose is solved a second
-/// time from elsewhere.
+/// Root mean square distance of the joints from the smoothed ones, metres, above which the pose is
+/// solved again from another start.
 const STUCK_M: f64 = 0.012;
 
-/// What a pose is made for.
+/// Targets of a pose.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Aims {
     /// World, metres.
     pub(super) place_m: Joints,
     /// World, metres per second.
     pub(super) velocity_m_s: Joints,
-    /// Per axis, m²; `None` while it is not known.
+    /// Per axis, m²; `None` while unknown.
     pub(super) variance_m2: [Option<f64>; N_JOINTS],
 }
 
@@ -67,7 +68,7 @@ impl Solver {
         }
     }
 
-    /// Takes over what is known of the body by now, and whose it is.
+    /// Updates the body and the id.
     pub(super) fn set_body(&mut self, track: &Track) {
         self.id = track.id();
         self.skeleton.clone_from(&track.estimator().body().skeleton);
@@ -76,12 +77,12 @@ impl Solver {
             .extend_from_slice(&track.estimator().body().sites);
     }
 
-    /// The body, and where the keypoints sit on it.
+    /// The body and its keypoint sites.
     pub(super) fn body(&self) -> (&Skeleton, &[Option<Site>]) {
         (&self.skeleton, &self.sites)
     }
 
-    /// The pose of `moment`; moments come in order.
+    /// The pose of `moment`; snapshots come in order.
     pub(super) fn solve(
         &mut self,
         moment: &TickSnapshot,
@@ -99,7 +100,7 @@ impl Solver {
         }
         self.last = Some(pose);
         self.skeleton.forward(&pose, &mut self.kinematics);
-        self.told(moment, aims, &pose)
+        self.published(moment, aims, &pose)
     }
 
     fn aim(&mut self, aims: &Aims, method: &Method) {
@@ -117,7 +118,8 @@ impl Solver {
             .extend(Joint::ALL.iter().zip(&aims.place_m).map(target));
     }
 
-    /// The pose that comes from `start`, and how far its joints are from their targets, root mean square, metres.
+    /// The pose from the start `start`, and the root mean square distance of its joints from their
+    /// targets, metres.
     fn solve_from(&mut self, start: &Pose, last: &Pose, method: &Method) -> (Pose, f64) {
         let priors = Priors::new(&method.parameters.ik, last, method.dt_s);
         let bounds = method.range_of_motion.as_ref();
@@ -132,7 +134,7 @@ impl Solver {
     }
 
     /// The pose as it is published.
-    fn told(&self, moment: &TickSnapshot, aims: &Aims, pose: &Pose) -> PersonPose {
+    fn published(&self, moment: &TickSnapshot, aims: &Aims, pose: &Pose) -> PersonPose {
         let to_f32 = |p: Vector3<f64>| [p.x as f32, p.y as f32, p.z as f32];
         let site_m =
             |site: &Option<Site>| site.map_or(pose.root_m, |site| self.kinematics.site_m(&site));

@@ -1,9 +1,9 @@
-//! One person inside the delay: what each tick measured, and its joints through time.
+//! One person inside the delay: the measurements of each tick, and its joints through time.
 //!
-//! A measurement is the pose of the first inverse kinematics, each joint as sure as the views of its tick
-//! make it. A tick that says nothing of the person is no measurement, as long as a later one is: the joints
-//! then go the smoothest way from here to there. Where nothing comes after it inside the delay, what the
-//! track made of it stands.
+//! A measurement is the pose of the first inverse kinematics, with each joint's variance from the
+//! views of its tick. A tick without evidence is no measurement if a later one has evidence: the
+//! joints then move smoothly from here to there. Without later evidence inside the delay, the pose
+//! of the track is used.
 
 use std::collections::VecDeque;
 
@@ -12,42 +12,43 @@ use farfield_proto::message::PersonPose;
 use farfield_proto::tick::Tick;
 
 use super::late::{Late, LateBody, LateSearch};
-use super::line::{Belief, JointLine, KnownPoint, Measure};
+use super::line::{PointState, JointLine, KnownPoint, Measure};
 use super::solve::{Aims, Solver};
 use crate::body::skeleton::{Joint, N_JOINTS};
 use crate::estimate::estimator::TickSnapshot;
 use crate::identity::track::Track;
 use crate::method::Method;
 
-/// Spectral density of the jerk of a joint at rest, m²/s⁵: of the trunk and head, and of limbs. Chosen on the
-/// project's scenes at a delay of 100 ms, as the next one: the error is flat over a factor of ten.
+/// Spectral density of the jerk of a joint at rest, m²/s⁵: of the trunk and head, and of limbs.
+/// Like the next one, chosen on the project's scenes at a delay of 100 ms: the error is flat over a
+/// factor of ten.
 const TRUNK_JERK: f64 = 3e3;
 const LIMB_JERK: f64 = 1e4;
 /// Speed at which the density is twice that at rest, metres per second; it grows with the square.
 const JERK_SPEED_M_S: f64 = 1.0;
-/// What is known of a joint at the first tick of a person: standard deviations of its place (m), velocity (m/s)
-/// and acceleration (m/s²).
+/// Initial standard deviations of a joint's place (m), velocity (m/s) and acceleration (m/s²).
 const AT_FIRST: [f64; 3] = [0.3, 5.0, 30.0];
-/// A joint that a tick knows better than this was seen, metres per axis.
+/// Standard deviation per axis below which a joint counts as seen, metres.
 const SEEN_M: f64 = 0.06;
 
 /// One person inside the delay.
 pub(super) struct Window {
-    /// By which the track is known for as long as it lives.
+    /// The track's id on the edges, which never changes.
     pub(super) wire_id: PersonId,
     pub(super) is_confirmed: bool,
-    /// Whether there is a track of it.
+    /// Whether its track exists.
     pub(super) is_here: bool,
     /// In order, one per tick.
     pub(super) moments: VecDeque<TickSnapshot>,
-    /// Moments whose poses are made.
+    /// Snapshots whose poses are done.
     pub(super) done: Vec<TickSnapshot>,
     poses: VecDeque<(Tick, PersonPose)>,
-    /// Per joint, what was known at the tick before the first moment; empty before the first tick of a life.
-    before: Vec<Belief>,
-    /// The tick before the first moment.
+    /// Per joint, the state at the tick before the first snapshot; empty before the first tick of a
+    /// life.
+    before: Vec<PointState>,
+    /// The tick before the first snapshot.
     last: Option<Tick>,
-    /// Per joint, how sure the pose was when it was last seen, variance per axis, m².
+    /// Per joint, the variance when it was last seen, per axis, m².
     seen_m2: [Option<f64>; N_JOINTS],
     solver: Solver,
     line: JointLine,
@@ -76,27 +77,27 @@ impl Window {
         }
     }
 
-    /// Takes in what the newest tick came to, and what it changed of the ticks before.
-    pub(super) fn hear(&mut self, track: &Track, moment: TickSnapshot) {
+    /// Adds the newest tick, and its changes to earlier ticks.
+    pub(super) fn add_tick(&mut self, track: &Track, moment: TickSnapshot) {
         self.is_here = true;
         self.is_confirmed = !track.is_tentative();
         self.solver.set_body(track);
         let tick = moment.tick;
         self.moments.push_back(moment);
-        for solved in track.solved_again().iter().filter(|told| told.tick < tick) {
+        for solved in track.solved_again().iter().filter(|snapshot| snapshot.tick < tick) {
             let at = (self.moments).binary_search_by_key(&solved.tick, |moment| moment.tick);
             if let Ok(at) = at {
                 self.moments[at].clone_from(solved);
             }
         }
         if let Some(apart) = track.mistaken_since() {
-            self.take_back(apart);
+            self.discard_after(apart);
         }
     }
 
-    /// What was seen after `tick` was somebody else's: the person is thought to have waited where the newest
-    /// moment has it.
-    fn take_back(&mut self, tick: Tick) {
+    /// Discards the evidence after `tick`, which belonged to another person: the person is assumed
+    /// to have waited where the newest snapshot has it.
+    fn discard_after(&mut self, tick: Tick) {
         let Some(back) = self.moments.back().cloned() else {
             return;
         };
@@ -107,7 +108,7 @@ impl Window {
         }
     }
 
-    /// Adds what came late to the moment of its tick; returns whether it was of any use.
+    /// Adds a late patch to the snapshot of its tick; returns whether it was useful.
     pub(super) fn add_late(
         &mut self,
         late: &Late<'_>,
@@ -126,7 +127,7 @@ impl Window {
         search.add(late, &body, &mut self.moments[at], method)
     }
 
-    /// Solves all moments up to `tick`.
+    /// Solves all snapshots up to `tick`.
     pub(super) fn release(&mut self, tick: Tick, method: &Method) {
         let n = self.moments.partition_point(|moment| moment.tick <= tick);
         if n == 0 {
@@ -146,19 +147,19 @@ impl Window {
         }
     }
 
-    /// The pose of `tick`, the oldest that was not taken.
+    /// The pose of `tick`, the oldest that was not returned.
     pub(super) fn take(&mut self, tick: Tick) -> Option<PersonPose> {
         let is_due = self.poses.front().is_some_and(|(at, _)| *at == tick);
         let due = if is_due { self.poses.pop_front() } else { None };
         due.map(|(_, pose)| pose)
     }
 
-    /// Fills `aims` for the first `n` moments.
+    /// Fills `aims` for the first `n` snapshots.
     fn smooth(&mut self, n: usize, method: &Method) {
         if self.before.is_empty() {
             let places_m = self.moments[0].joints_m.iter();
             self.before
-                .extend(places_m.map(|place_m| Belief::near(*place_m, AT_FIRST)));
+                .extend(places_m.map(|place_m| PointState::near(*place_m, AT_FIRST)));
         }
         self.aims.clear();
         self.aims.resize(n, Aims::default());
@@ -180,7 +181,7 @@ impl Window {
         }
     }
 
-    /// Fills `measures` with what the moments say of `joint`.
+    /// Fills `measures` with the measurements of `joint`.
     fn measure(&mut self, joint: Joint, dt_s: f64) {
         let i = joint.index();
         let jerk = if is_of_limb(joint) {
@@ -212,8 +213,8 @@ impl Window {
         }
     }
 
-    /// How sure joint `i` is at moment `k`, variance per axis, m²: what the track said of it; in a gap that is
-    /// closed, no more than when it was last seen and what the way across adds (`across_m2`).
+    /// Variance of joint `i` at snapshot `k`, per axis, m²: that of the track; in a closed gap, at
+    /// most that of the last view plus that of the way across (`across_m2`).
     fn variance_m2(&mut self, k: usize, i: usize, across_m2: f64) -> Option<f64> {
         let published_m2 = self.moments[k].published_m2?[i];
         let is_seen = |moment: &TickSnapshot| moment.variance_m2[i] < SEEN_M * SEEN_M;
@@ -229,7 +230,7 @@ impl Window {
     }
 }
 
-/// Whether `joint` hangs from an elbow or a knee, or is one.
+/// Whether `joint` is at or beyond an elbow or a knee.
 fn is_of_limb(joint: Joint) -> bool {
     std::iter::successors(Some(joint), |joint| joint.parent()).any(|joint| {
         matches!(

@@ -1,4 +1,4 @@
-//! What a recording says of itself: versions and fingerprints, and the files that describe its venue.
+//! Metadata of a recording: versions and fingerprints, and the files that describe its venue.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Seek};
@@ -9,7 +9,7 @@ use super::error::RecordingError;
 use crate::recording::framing::find_metadata;
 use crate::recording::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE, is_subject_file};
 
-/// What a recording says of itself.
+/// Metadata of a recording.
 #[derive(Debug, Clone, Default)]
 pub struct Attached {
     profile: Option<String>,
@@ -18,7 +18,7 @@ pub struct Attached {
 }
 
 impl Attached {
-    /// Versions, fingerprints, who recorded.
+    /// Versions, fingerprints, recorder.
     pub fn facts(&self) -> &BTreeMap<String, String> {
         &self.facts
     }
@@ -28,9 +28,9 @@ impl Attached {
         std::str::from_utf8(self.files.get(name)?).ok()
     }
 
-    /// What the metadata of `file` say, which tell what its topics are: they are read ahead of the messages, also where they stand
-    /// behind them. The first facts of the file count.
-    pub(super) fn of_metadata<R: Read + Seek>(file: &mut R) -> Result<Self, RecordingError> {
+    /// The metadata of `file`, which define its topics. They are read before the messages, even if
+    /// they come after them. The first facts of the file count.
+    pub(super) fn from_metadata<R: Read + Seek>(file: &mut R) -> Result<Self, RecordingError> {
         let is_ours = |record: &Metadata| record.name == FACTS && !record.metadata.is_empty();
         let facts = find_metadata(file, is_ours)?;
         Ok(Self {
@@ -51,10 +51,10 @@ impl Attached {
         }
     }
 
-    /// The same, when the file was gone through.
+    /// Returns `self` after the whole file was read.
     ///
     /// # Errors
-    /// When it is not a recording of ours, or ends before its head does.
+    /// If it is not our recording, or ends before its head does.
     pub(super) fn whole(self) -> Result<Self, RecordingError> {
         match self.profile {
             Some(profile) if profile != PROFILE => Err(RecordingError::Foreign(profile)),

@@ -1,6 +1,6 @@
-//! Every message of a recording by when it passed: for who looks at a venue as it was, and solves nothing again.
+//! Every message of a recording in order of time, without computing poses.
 //!
-//! What is kept in memory is 32 bytes per message; bytes are read when they are asked for.
+//! Memory: 32 bytes per message; the bytes of a message are read on request.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Seek};
@@ -22,24 +22,24 @@ struct Entry {
     position: MessagePosition,
 }
 
-/// A recording as a row of messages.
+/// A recording as a sequence of messages.
 #[derive(Debug)]
 pub struct MessagesInTime<R> {
     messages: PlacedMessages<R>,
     attached: Attached,
-    /// Keys of the venue, by the number in entries.
+    /// Keys of the venue, by their number in entries.
     topics: Vec<String>,
-    /// By time; of one instant in the order of the file.
+    /// By time; equal times in the order of the file.
     entries: Vec<Entry>,
 }
 
 impl<R: Read + Seek> MessagesInTime<R> {
-    /// Reads `file` through.
+    /// Reads the whole `file`.
     ///
     /// # Errors
-    /// [`RecordingError`] when it is not a recording of ours, or broken otherwise than by an early end.
+    /// [`RecordingError`] if it is not our recording, or broken other than by an early end.
     pub fn open(mut file: R) -> Result<Self, RecordingError> {
-        let attached = Attached::of_metadata(&mut file)?;
+        let attached = Attached::from_metadata(&mut file)?;
         let mut index = Index {
             known: topics(attached.facts()).into_keys().collect(),
             attached,
@@ -56,20 +56,20 @@ impl<R: Read + Seek> MessagesInTime<R> {
         })
     }
 
-    /// What it says of itself.
+    /// Its metadata.
     pub fn attached(&self) -> &Attached {
         &self.attached
     }
 
-    /// When the first and the last message passed, microseconds of Unix time; `None` without any.
+    /// Times of the first and the last message, microseconds of Unix time; `None` without any.
     pub fn span_us(&self) -> Option<[i64; 2]> {
         Some([self.entries.first()?.at_us, self.entries.last()?.at_us])
     }
 
-    /// Gives every message of `times_us` to `visit`, in order: its key, its bytes, when it passed.
+    /// Calls `visit` for every message in `times_us`, in order: key, bytes, time.
     ///
     /// # Errors
-    /// When the file cannot be read any more; what was given before counts.
+    /// If the file cannot be read any more; earlier calls are valid.
     pub fn read(
         &mut self,
         times_us: Range<i64>,
@@ -87,14 +87,14 @@ impl<R: Read + Seek> MessagesInTime<R> {
     }
 }
 
-/// What is gathered on the way through.
+/// Data collected while reading.
 #[derive(Default)]
 struct Index {
     attached: Attached,
-    /// The keys that the venue of the recording has.
+    /// The keys of the recording's venue.
     known: Vec<String>,
     topics: Vec<String>,
-    /// By a channel's number, that of its topic.
+    /// Number of the topic, by the number of the channel.
     channels: BTreeMap<u16, u16>,
     chunks: ChunkNumbers,
     entries: Vec<Entry>,

@@ -1,6 +1,6 @@
-//! Where messages stand in a recording, and their bytes again.
+//! Places of messages in a recording, and their bytes.
 //!
-//! Of a file with compressed chunks, one chunk is kept unpacked.
+//! For a file with compressed chunks, one decompressed chunk is cached.
 
 use std::io::{Read, Seek, SeekFrom};
 
@@ -9,26 +9,26 @@ use crate::recording::framing::{FramingError, PackedChunk, RecordPlace, unpack};
 
 /// See [`MessagePosition::chunk`].
 const NO_CHUNK: u32 = u32::MAX;
-/// Channel, sequence and two times ahead of a message's bytes.
+/// Channel, sequence and two times before a message's bytes.
 const MESSAGE_HEAD_BYTES: u64 = 2 + 4 + 8 + 8;
 
-/// Where a recorded message stands.
+/// Place of a recorded message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct MessagePosition {
-    /// Which of the compressed chunks it is in; [`NO_CHUNK`]: it stands in the file as it is.
+    /// Number of its compressed chunk; [`NO_CHUNK`] if it is directly in the file.
     chunk: u32,
-    /// Its first byte: of the file, or of the chunk's unpacked records.
+    /// Its first byte: of the file, or of the chunk's decompressed records.
     pub(super) at: u64,
     len: u32,
 }
 
-/// The compressed chunks of a file, numbered while it is gone through.
+/// The compressed chunks of a file, numbered while it is read.
 #[derive(Debug, Default)]
 pub(super) struct ChunkNumbers(Vec<PackedChunk>);
 
 impl ChunkNumbers {
-    /// Where the bytes of a message are whose record stands at `place`, which is in the last chunk; `None` where no file
-    /// has so long a message.
+    /// The place of a message's bytes; its record is at `place`, in the last chunk. `None` for an
+    /// impossibly long message.
     pub(super) fn position(&mut self, place: RecordPlace, data: &[u8]) -> Option<MessagePosition> {
         Some(MessagePosition {
             chunk: self.number(place.chunk),
@@ -48,12 +48,12 @@ impl ChunkNumbers {
     }
 }
 
-/// A file whose messages are read by where they stand.
+/// A file whose messages are read by their places.
 #[derive(Debug)]
 pub(super) struct PlacedMessages<R> {
     file: R,
     chunks: Vec<PackedChunk>,
-    /// The compressed chunk that was read last, and its records.
+    /// The last read compressed chunk, and its records.
     unpacked: Option<(u32, Vec<u8>)>,
 }
 
@@ -69,7 +69,7 @@ impl<R: Read + Seek> PlacedMessages<R> {
     /// The bytes of a message.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file cannot be read any more.
     pub(super) fn bytes(&mut self, position: MessagePosition) -> Result<Vec<u8>, RecordingError> {
         if position.chunk == NO_CHUNK {
             return self.file_bytes(position.at, u64::from(position.len));
@@ -87,7 +87,7 @@ impl<R: Read + Seek> PlacedMessages<R> {
         bytes.ok_or(RecordingError::Changed(position.at))
     }
 
-    /// The records of the compressed chunk that `position` is in.
+    /// The records of the compressed chunk of `position`.
     fn unpack(&mut self, position: MessagePosition) -> Result<Vec<u8>, RecordingError> {
         let chunk = self.chunks.get(position.chunk as usize).copied();
         let chunk = chunk.ok_or(RecordingError::Changed(position.at))?;

@@ -1,6 +1,6 @@
-//! The poses of a recording as they were published: for who wants poses, and solves nothing again.
+//! The published poses of a recording, without computing them again.
 //!
-//! They are read from front to back; nothing is kept but the number of ticks of each session.
+//! They are read in order; only the number of ticks of each session is stored.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Seek};
@@ -17,24 +17,24 @@ use super::reader::topics;
 use crate::recording::channels::Content;
 use crate::recording::framing::{FileEnd, walk};
 
-/// Most sessions that are told apart; those that come later are left out.
+/// Most sessions that are distinguished; later ones are ignored.
 const MOST_SESSIONS: usize = 1024;
 
 /// The ticks of one session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PublishedTicks {
-    /// Which.
+    /// The session.
     pub session: SessionId,
-    /// First and last.
+    /// First and last tick.
     pub span: [Tick; 2],
-    /// How many there are.
+    /// Number of ticks.
     pub n: u64,
 }
 
-/// What of a recording was published.
+/// Summary of the published poses of a recording.
 #[derive(Debug, Clone)]
 pub struct Published {
-    /// What the recording says of itself.
+    /// Metadata of the recording.
     pub attached: Attached,
     /// Its sessions, the one with the most ticks first; of equal ones the earlier.
     pub sessions: Vec<PublishedTicks>,
@@ -42,16 +42,16 @@ pub struct Published {
     pub end: FileEnd,
 }
 
-/// Reads `file` through and gives `visit` every tick that was published, as live listeners got it. Ticks of a session rise: what
-/// comes again, or late, is left out. Until they are confirmed people are not among them.
+/// Reads the whole `file` and calls `visit` for every published tick, as live listeners got it.
+/// Ticks of a session rise: repeated and late ones are skipped. Tentative people are not included.
 ///
 /// # Errors
-/// [`RecordingError`] when it is not a recording of ours, or broken otherwise than by an early end.
+/// [`RecordingError`] if it is not our recording, or broken other than by an early end.
 pub fn published<R: Read + Seek>(
     file: &mut R,
     visit: &mut dyn FnMut(PoseSet),
 ) -> Result<Published, RecordingError> {
-    let mut attached = Attached::of_metadata(file)?;
+    let mut attached = Attached::from_metadata(file)?;
     let mut topics = topics(attached.facts()).into_iter();
     let poses_topic = topics.find_map(|(key, of)| (of == Content::Poses).then_some(key));
     let mut channels = Vec::new();
@@ -80,7 +80,7 @@ pub fn published<R: Read + Seek>(
     })
 }
 
-/// Notes the tick of `poses`, where it is later than all before in its session.
+/// Records the tick of `poses`; true if it is later than all before in its session.
 fn is_next(sessions: &mut BTreeMap<SessionId, (usize, PublishedTicks)>, poses: &PoseSet) -> bool {
     let (n_sessions, tick) = (sessions.len(), poses.tick);
     if let Some((_, ticks)) = sessions.get_mut(&poses.session) {

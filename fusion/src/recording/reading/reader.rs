@@ -1,7 +1,6 @@
-//! Reads a recording: once through for what is where, then tick by tick.
+//! Reads a recording: once completely for an index, then tick by tick.
 //!
-//! What is kept in memory is 48 bytes per set and the decisions; the sets themselves are read when
-//! their tick's turn comes.
+//! Memory: 48 bytes per set, and the decisions; the sets are read at their ticks.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Seek};
@@ -27,7 +26,7 @@ use crate::recording::channels::{Content, channels};
 use crate::recording::expected::ExpectedPeople;
 use crate::recording::framing::{FileEnd, RecordPlace, walk};
 
-/// One recorded set, in the order in which the sets of a tick are wanted.
+/// One recorded set, in the order in which the sets of a tick are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct SetEntry {
     session: SessionId,
@@ -35,12 +34,12 @@ struct SetEntry {
     kind: SetKind,
     viewpoint: ViewpointIndex,
     part: u16,
-    /// Whether it was asked for after an outage.
+    /// Whether it was requested after an outage.
     filled: bool,
     position: MessagePosition,
 }
 
-/// A patch or sighting set out of a recording.
+/// A patch or sighting set of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AnySet {
     /// Patches.
@@ -49,24 +48,24 @@ pub enum AnySet {
     Sightings(SightingSet),
 }
 
-/// One life of fusion in a recording.
+/// One session of fusion in a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionPart {
-    /// Which.
+    /// Its id.
     pub session: SessionId,
-    /// What fusion used, in the order of the ticks; empty when nobody recorded it.
+    /// The sets that fusion used, in the order of the ticks; empty if they were not recorded.
     pub decisions: Vec<Decision>,
-    /// First and last tick of which there are sets or a decision.
+    /// First and last tick with sets or a decision.
     pub ticks: [Tick; 2],
-    /// Whom it expected from the session before it.
+    /// The people that it expected from the previous session.
     pub expected: KnownPeople,
-    /// Distinct sets, filled ones too.
+    /// Distinct sets, also filled ones.
     pub sets: usize,
-    /// Distinct sets that are there only because they were asked for after an outage.
+    /// Distinct sets that exist only because they were requested after an outage.
     pub filled: usize,
 }
 
-/// A recording that has been read through.
+/// A completely read recording.
 pub struct Recording<R> {
     messages: PlacedMessages<R>,
     attached: Attached,
@@ -79,12 +78,12 @@ pub struct Recording<R> {
 }
 
 impl<R: Read + Seek> Recording<R> {
-    /// Reads `file` through.
+    /// Reads the whole `file`.
     ///
     /// # Errors
-    /// [`RecordingError`] when it is not a recording of ours, or broken otherwise than by an early end.
+    /// [`RecordingError`] if it is not our recording, or broken other than by an early end.
     pub fn open(mut file: R) -> Result<Self, RecordingError> {
-        let attached = Attached::of_metadata(&mut file)?;
+        let attached = Attached::from_metadata(&mut file)?;
         let mut index = Index {
             topics: topics(attached.facts()),
             attached,
@@ -109,7 +108,7 @@ impl<R: Read + Seek> Recording<R> {
         })
     }
 
-    /// Versions, fingerprints, who recorded.
+    /// Versions, fingerprints, recorder.
     pub fn facts(&self) -> &BTreeMap<String, String> {
         self.attached.facts()
     }
@@ -119,12 +118,12 @@ impl<R: Read + Seek> Recording<R> {
         self.attached.file(name)
     }
 
-    /// What it says of itself.
+    /// Its metadata.
     pub fn attached(&self) -> &Attached {
         &self.attached
     }
 
-    /// The lives of fusion in it, the one with the most ticks first.
+    /// The sessions in it, the one with the most ticks first.
     pub fn sessions(&self) -> &[SessionPart] {
         &self.sessions
     }
@@ -134,17 +133,17 @@ impl<R: Read + Seek> Recording<R> {
         &self.end
     }
 
-    /// Messages that are not of this version of the wire, or broken.
+    /// Messages of another version of the wire, or broken.
     pub fn unreadable(&self) -> u64 {
         self.unreadable
     }
 
-    /// Messages that its recorder could not write, by its own account.
+    /// Messages that its recorder reported as lost.
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// The ticks of a session of which there are sets, in order.
+    /// The ticks of a session with sets, in order.
     pub fn ticks(&self, session: SessionId) -> Vec<Tick> {
         let own = self.sets.iter().filter(|set| set.session == session);
         let mut ticks: Vec<Tick> = own.map(|set| set.tick).collect();
@@ -152,11 +151,11 @@ impl<R: Read + Seek> Recording<R> {
         ticks
     }
 
-    /// Every recorded set of a tick, by kind, viewpoint and part; of two that are the same part, the one
-    /// that came by itself, and first.
+    /// Every recorded set of a tick, by kind, viewpoint and part; of two equal parts, the
+    /// unrequested one that came first.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file cannot be read any more.
     pub fn sets(&mut self, session: SessionId, tick: Tick) -> Result<Vec<AnySet>, RecordingError> {
         let from = self
             .sets
@@ -180,7 +179,7 @@ impl<R: Read + Seek> Recording<R> {
     /// The poses that fusion published for a tick, if they were recorded.
     ///
     /// # Errors
-    /// When the file cannot be read any more.
+    /// If the file cannot be read any more.
     pub fn poses(
         &mut self,
         session: SessionId,
@@ -195,11 +194,11 @@ impl<R: Read + Seek> Recording<R> {
     }
 }
 
-/// What is gathered on the way through.
+/// Data collected while reading.
 #[derive(Default)]
 struct Index {
     attached: Attached,
-    /// What stands under which topic, by the facts.
+    /// Contents by topic, from the facts.
     topics: BTreeMap<String, Content>,
     contents: BTreeMap<u16, Content>,
     chunks: ChunkNumbers,
@@ -211,9 +210,9 @@ struct Index {
     lost: u64,
 }
 
-/// What a recorder says of itself.
+/// Status of a recorder.
 #[derive(Deserialize)]
-struct RecorderSays {
+struct RecorderStatus {
     lost: u64,
 }
 
@@ -250,12 +249,12 @@ impl Index {
                     .entry((poses.session, poses.tick))
                     .or_insert(position);
             }),
-            // A replay decides anew who is who.
+            // A replay decides identities again.
             Content::Events => wire::decode::<IdentityEventSet>(data).map(drop),
             Content::Namings => wire::decode::<NamingSet>(data).map(drop),
             Content::Recorder => {
-                let says = serde_json::from_slice::<RecorderSays>(data);
-                self.lost = says.map_or(self.lost, |says| says.lost);
+                let status = serde_json::from_slice::<RecorderStatus>(data);
+                self.lost = status.map_or(self.lost, |status| status.lost);
                 Ok(())
             }
             Content::Expected => {
@@ -301,7 +300,7 @@ impl Index {
     }
 }
 
-/// The topics of the venue that `facts` name.
+/// The topics of the venue in `facts`.
 pub(super) fn topics(facts: &BTreeMap<String, String>) -> BTreeMap<String, Content> {
     let (Some(venue), Some(viewpoints)) = (facts.get("venue"), facts.get("viewpoints")) else {
         return BTreeMap::new();
@@ -313,7 +312,7 @@ pub(super) fn topics(facts: &BTreeMap<String, String>) -> BTreeMap<String, Conte
         .collect()
 }
 
-/// The lives of fusion, from all sets (in order) and decisions.
+/// The sessions, from all sets (in order) and decisions.
 fn sessions(
     sets: &[SetEntry],
     decisions: Vec<Decision>,
@@ -343,7 +342,7 @@ fn sessions(
     parts
 }
 
-/// The life `session`, grown to hold `tick`.
+/// The session `session`, extended to `tick`.
 fn entry(
     parts: &mut BTreeMap<SessionId, SessionPart>,
     session: SessionId,
