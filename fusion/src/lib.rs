@@ -8,7 +8,7 @@
 //! | [`align`] | gathers the messages of a tick from all viewpoints |
 //! | [`estimate`] | one tick of one person: lattice search, inverse kinematics, filter, prediction, uncertainty |
 //! | [`body`] | the skeleton, its measures, and the inverse kinematics that fit it to points |
-//! | [`sightings`] | people whom several viewpoints detected without a box |
+//! | [`sightings`] | people that several viewpoints detected without a box |
 //! | [`identity`] | who is who: tracks that begin, are confirmed, lost, recognised and dropped |
 //! | [`boxes`] | predicted joints as regions of each camera |
 //! | [`camera_agreement`] | whether the cameras agree, and why not |

@@ -22,7 +22,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// A person at rest, of whom one pose (world, metres) is known.
+    /// A person at rest, with one known pose (world, metres).
     pub fn at_rest(joints_m: Joints) -> Self {
         Self {
             poses_m: [joints_m; 3],

@@ -289,7 +289,10 @@ mod tests {
             let free = layout.angles.into_iter().filter(AngleColumn::accumulates);
             free.map(|angle| angle.name).collect()
         };
-        assert_eq!(accumulates(Some(&range)), ["pelvis_tilt", "pelvis_rotation"]);
+        assert_eq!(
+            accumulates(Some(&range)),
+            ["pelvis_tilt", "pelvis_rotation"]
+        );
         // Without a range the pelvis' list is also free, but it reports at most a quarter of a
         // turn.
         let root = ["pelvis_tilt", "pelvis_list", "pelvis_rotation"];

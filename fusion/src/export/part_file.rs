@@ -176,7 +176,12 @@ impl PartFile {
 
     /// Continues in a new part with the unconfirmed bytes of the current one up to `until`, and
     /// `more`.
-    fn continue_in_new_part(&mut self, until: u64, more: &[u8], refused: io::Error) -> Result<(), WriteError> {
+    fn continue_in_new_part(
+        &mut self,
+        until: u64,
+        more: &[u8],
+        refused: io::Error,
+    ) -> Result<(), WriteError> {
         if is_full(&refused) || self.number >= MOST_PARTS {
             // The next part would find no room either.
             return Err(io_error(self.file.path(), refused));

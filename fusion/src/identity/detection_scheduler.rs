@@ -7,7 +7,7 @@
 //!   cameras should also see;
 //! - now and then, for lost people.
 //!
-//! A sighting that stays unexplained (a bystander whom one viewpoint sees, a mirror) causes fewer
+//! A sighting that stays unexplained (a bystander in one view, a mirror) causes fewer
 //! and fewer requests while it stays where it is.
 //!
 //! Passes are planned as many ticks ahead as boxes are made; a request takes effect at that time.

@@ -1,7 +1,7 @@
 //! Whether a new person was here before: by place, speed and link lengths.
 //!
 //! Every pair of a newcomer and a person who left or was lost gets the logarithm of a likelihood
-//! ratio, "the same" over "somebody else":
+//! ratio, "the same" over "another person":
 //!
 //! ```text
 //!   L = ln p(d | same) - ln p(d | other) + ln p(r | same) - ln p(r | other)

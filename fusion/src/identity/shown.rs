@@ -1,4 +1,4 @@
-//! Where edges show people whom fusion does not follow, from patches that edges cut by boxes of
+//! Where edges show people that fusion does not follow, from patches that edges cut by boxes of
 //! their own.
 //!
 //! While fusion or the links are silent, every edge follows people by itself, under the ids that
@@ -162,7 +162,7 @@ mod tests {
         }
     }
 
-    /// The place of a person of whom viewpoint i follows `bodies[i]`.
+    /// The place of a person, if viewpoint i follows `bodies[i]`.
     fn shown(bodies: [&[Vector3<f64>]; 4]) -> Option<Vector3<f64>> {
         let hall = hall();
         let method = method(&venue(&hall));

@@ -52,7 +52,7 @@ pub(crate) struct Subjects {
     all: Vec<Subject>,
     /// By index of the subject: the person.
     taken: BTreeMap<usize, PersonId>,
-    /// People for whom it was reported that no subject matches.
+    /// People that were reported as matching no subject.
     reported: Vec<PersonId>,
 }
 
@@ -80,7 +80,7 @@ impl Subjects {
         self.all.get(*index).map(|subject| &subject.body)
     }
 
-    /// Frees the names of all people for whom `may_be_back` is false.
+    /// Frees the names of all people except those that `may_be_back`.
     pub(crate) fn forget(&mut self, may_be_back: impl Fn(PersonId) -> bool) {
         self.taken.retain(|_, id| may_be_back(*id));
         self.reported.retain(|id| may_be_back(*id));
@@ -260,7 +260,7 @@ mod tests {
             let Finding::NobodyAlike { nearest, .. } = &found[1].finding else {
                 panic!("{found:?}");
             };
-            assert_eq!(nearest, "150 cm", "the other name is somebody's");
+            assert_eq!(nearest, "150 cm", "the other name is taken");
         }
         // If no name is left, there is no finding.
         let mut one = subjects(&[1.80]);

@@ -4,7 +4,7 @@
 //! The cost of a tick is proportional to its patches, so it is known in advance. If it exceeds a
 //! fixed share of the tick period, as many viewpoints as needed are skipped, beginning after the
 //! last skipped one. So every viewpoint is used again within a few ticks, and no person is lost
-//! whom the others see well enough. At least three stay. Skipped patches are in the recording, and
+//! that the others see well enough. At least three stay. Skipped patches are in the recording, and
 //! the tick's decision does not list them, so a replay skips the same.
 
 use super::Micros;

@@ -8,7 +8,7 @@
 //!     a = (s0 + s) / (n0 + s + m),      w = min(1, (a / a0)^2),      a0 = s0 / n0
 //! ```
 //!
-//! s and m count how often it recently saw and missed people who are tracked or whom other
+//! s and m count how often it recently saw and missed people who are tracked or that other
 //! viewpoints sighted together. s0 and n0 are the prior of an unknown viewpoint. w is the weight of
 //! its silence relative to a sighting. w is used if more viewpoints are silent than see a body.
 //! Otherwise silence has the full weight, so that a reflection that half of them see is rejected.

@@ -12,7 +12,7 @@ use farfield_proto::message::PersonPose;
 use farfield_proto::tick::Tick;
 
 use super::late::{Late, LateBody, LateSearch};
-use super::line::{PointState, JointLine, KnownPoint, Measure};
+use super::line::{JointLine, KnownPoint, Measure, PointState};
 use super::solve::{Aims, Solver};
 use crate::body::skeleton::{Joint, N_JOINTS};
 use crate::estimate::estimator::TickSnapshot;
@@ -84,7 +84,11 @@ impl Window {
         self.solver.set_body(track);
         let tick = moment.tick;
         self.moments.push_back(moment);
-        for solved in track.solved_again().iter().filter(|snapshot| snapshot.tick < tick) {
+        for solved in track
+            .solved_again()
+            .iter()
+            .filter(|snapshot| snapshot.tick < tick)
+        {
             let at = (self.moments).binary_search_by_key(&solved.tick, |moment| moment.tick);
             if let Ok(at) = at {
                 self.moments[at].clone_from(solved);

@@ -43,7 +43,7 @@ fn with(mut drawn: Vec<Drawn>, keypoint: usize, peaks: &[(Vector3<f64>, f64)]) -
     drawn
 }
 
-/// The first person's map of the left wrist shows `shown` of the second, whom `camera` sees: the
+/// The first person's map of the left wrist shows `shown` of the second, in the view of `camera`: the
 /// first loses that peak and the second keeps it.
 fn goes_to_its_owner(mut meeting: MeetingFixture, shown: usize, camera: usize) {
     let theirs = keypoint(&meeting, 1, shown);

@@ -12,7 +12,7 @@
 //!
 //! ```text
 //!     lives::decide                  over all tracks, from the counts of the tick
-//!     recognition::decide            over the people whom lives confirmed
+//!     recognition::decide            over the people that lives confirmed
 //!     recognition::found_elsewhere   over the lost tracks of recognised people
 //!     places::outside_the_field
 //!     places::step_back
