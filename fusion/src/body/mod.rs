@@ -14,14 +14,11 @@ pub mod fit;
 #[cfg(test)]
 pub(crate) mod fixture;
 pub mod ik;
-pub(crate) mod initial_pose;
-pub mod keypoint_estimate;
 mod limbs;
 pub mod measured;
 pub mod observed;
 pub mod prior;
 pub(crate) mod proportions;
-pub(crate) mod remeasure;
 pub(crate) mod segment;
 mod sites;
 pub mod skeleton;

@@ -17,8 +17,7 @@
 use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::ik::{PoseElimination, SeenPoint};
-use super::keypoint_estimate::KeypointEstimate;
-use super::observed::ObservedJoints;
+use super::observed::{KeypointEstimate, ObservedJoints};
 use super::skeleton::{Joint, Kinematics, Proportions, Side, Site};
 
 /// The joints whose keypoints are learned: those deep inside the body.

@@ -11,8 +11,7 @@
 
 use nalgebra::Vector3;
 
-use crate::body::skeleton::Joints;
-use crate::body::skeleton::{Joint, Side};
+use crate::body::skeleton::{Joint, Joints, Side};
 
 /// Largest height of a standing foot's ankle above the floor, metres.
 const LOW_M: f64 = 0.16;

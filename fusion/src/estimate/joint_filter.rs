@@ -28,8 +28,7 @@ use std::f64::consts::TAU;
 use farfield_proto::venue::parameters::SmoothingParameters;
 use nalgebra::Vector3;
 
-use crate::body::skeleton::Joints;
-use crate::body::skeleton::{Joint, N_JOINTS};
+use crate::body::skeleton::{Joint, Joints, N_JOINTS};
 
 /// -3 dB frequency of H over w: sqrt(3 + sqrt(10)).
 const CUTOFF_OVER_W: f64 = 2.482_39;

@@ -1,7 +1,7 @@
 //! Targets of the first inverse kinematics: the keypoints of a tick.
 //!
 //! ```text
-//!     A = c I + (p/σ²) 1          seen: I of `uncertainty::views`, the information of all views about the place
+//!     A = c I + (p/σ²) 1          seen: I of `uncertainty::observation`, the information of all views about the place
 //!     A = (p/σ²) 1                not seen: the predicted place
 //!     E = (I⁻¹ + v 1)⁻¹ + (p/σ²) 1    the same as evidence, with a lasting error of variance v
 //! ```
@@ -13,7 +13,7 @@
 use nalgebra::Matrix3;
 
 use crate::body::ik::Target;
-use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::observed::KeypointEstimate;
 use crate::body::skeleton::Site;
 use crate::method::Method;
 

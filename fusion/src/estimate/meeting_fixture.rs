@@ -15,7 +15,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::estimator::Estimator;
 use crate::body::ik::relative_sigmas;
-use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::observed::KeypointEstimate;
 use crate::body::skeleton::{Pose, Proportions, Skeleton, sites_of};
 use crate::boxes::BoxShape;
 use crate::estimate::evidence::View;

@@ -18,8 +18,7 @@
 
 use nalgebra::Vector3;
 
-use crate::body::skeleton::Joints;
-use crate::body::skeleton::N_JOINTS;
+use crate::body::skeleton::{Joints, N_JOINTS};
 use crate::estimate::estimator::Estimator;
 use crate::estimate::occlusion::{BodyCapsules, Touch};
 use crate::method::Method;

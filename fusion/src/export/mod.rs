@@ -5,15 +5,12 @@
 //! [`salvage`] completes the files of a killed process. [`summary`] describes a run.
 
 pub mod disk_policy;
-#[cfg(test)]
-pub(crate) mod failing_disk;
 pub mod line;
 pub mod marker_names;
 pub mod mot;
 mod part_file;
 pub mod pose_files;
 pub mod refusal;
-pub mod rounding;
 pub mod run_clock;
 pub mod salvage;
 pub mod summary;

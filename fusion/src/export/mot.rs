@@ -15,7 +15,7 @@ use std::iter;
 
 use farfield_proto::message::PersonPose;
 
-use super::rounding::{draw_in, round, round_inward};
+use super::line::{draw_in, round, round_inward};
 use super::trc::TIME_DECIMALS;
 use super::{AngleColumn, AngleUnit, Layout, MOST_ROWS};
 use crate::body::determined::{AngleEvidence, UNKNOWN_M};

@@ -274,7 +274,7 @@ impl PartFile {
     /// Appends the rows of `parts` to the temporary file `into`, and gives it the final name.
     fn append(&self, into: &Path, of: Settled, parts: &[(PathBuf, Settled)]) -> io::Result<()> {
         #[cfg(test)]
-        super::failing_disk::check(&self.path, super::failing_disk::Work::Join)?;
+        super::fixture::check(&self.path, super::fixture::Work::Join)?;
         cut_to(into, of.bytes)?;
         let (mut file, mut all) = (open_own(OpenOptions::new().append(true), into)?, of);
         for (part, settled) in parts {

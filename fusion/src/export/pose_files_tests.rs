@@ -5,7 +5,6 @@ use std::fs;
 use farfield_proto::message::PersonState::Tracked;
 
 use super::super::disk_policy::GiveUp;
-use super::super::failing_disk;
 use super::super::fixture;
 use super::*;
 
@@ -180,7 +179,7 @@ fn written_while(
         }
     }
     let written = files.finish();
-    failing_disk::fail("", failing_disk::Work::Write, 0);
+    fixture::fail("", fixture::Work::Write, 0);
     let entries = fs::read_dir(folder.path()).unwrap().map(Result::unwrap);
     let texts = entries.map(|entry| {
         let name = entry.file_name().into_string().unwrap();
@@ -192,7 +191,7 @@ fn written_while(
 #[test]
 fn a_disk_error_loses_no_row_and_is_reported() {
     // Symptom: one EIO, of a write or a sync, also on one person's TRC, ended all pose files of a run.
-    use failing_disk::Work::{Sync, Write};
+    use fixture::Work::{Sync, Write};
     let (sound, written) = written_while(400, 7, || ());
     assert!(written.refusals.is_empty() && written.failure.is_none());
     assert_eq!(sound.len(), 5);
@@ -203,7 +202,7 @@ fn a_disk_error_loses_no_row_and_is_reported() {
     ] {
         for work in [Write, Sync] {
             for sync_every in [7, 30] {
-                let fail = || failing_disk::fail(name, work, 1);
+                let fail = || fixture::fail(name, work, 1);
                 let (files, written) = written_while(400, sync_every, fail);
                 assert_eq!(
                     (written.failure.is_none(), written.unwritten_ticks),
@@ -228,7 +227,7 @@ fn a_disk_error_loses_no_row_and_is_reported() {
 #[test]
 fn an_unconfirming_disk_is_reported_once_and_has_all_rows() {
     let (sound, _) = written_while(200, 7, || ());
-    let fail = || failing_disk::fail("poses", failing_disk::Work::Sync, u32::MAX);
+    let fail = || fixture::fail("poses", fixture::Work::Sync, u32::MAX);
     let (files, written) = written_while(200, 7, fail);
     assert!(files == sound, "{:?}", files.keys());
     assert_eq!(written.unwritten_ticks, 0);
@@ -248,11 +247,11 @@ fn unjoined_parts_are_complete_under_their_own_names() {
             files.sync_persons().unwrap();
         }
         if tick == 40 {
-            failing_disk::fail("poses_1", failing_disk::Work::Sync, 1);
+            fixture::fail("poses_1", fixture::Work::Sync, 1);
             files.sync_persons().unwrap();
         }
     }
-    failing_disk::fail("poses_1", failing_disk::Work::Join, 2);
+    fixture::fail("poses_1", fixture::Work::Join, 2);
     let written = files.finish();
     assert!(written.failure.is_none(), "{:?}", written.failure);
     let rows = ["poses_1.trc", "poses_1-2.trc"].map(|name| {

@@ -1,8 +1,7 @@
 //! Errors of written files.
 
-use std::fmt;
-use std::io;
 use std::path::PathBuf;
+use std::{fmt, io};
 
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};

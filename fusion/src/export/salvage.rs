@@ -66,7 +66,7 @@ fn unfinished_in(folder: &Path) -> io::Result<Vec<(PathBuf, Kind)>> {
         let path = entry?.path();
         let name = path.file_name().and_then(|name| name.to_str());
         let name = name.and_then(|name| name.strip_suffix(SUFFIX));
-        if let Some(kind) = name.and_then(Kind::of) {
+        if let Some(kind) = name.and_then(Kind::from_name) {
             left.push((path, kind));
         }
     }

@@ -13,8 +13,7 @@ use std::fmt::Write as _;
 use farfield_proto::message::PersonPose;
 use farfield_proto::tick::Tick;
 
-use super::line::POSITION_DECIMALS;
-use super::rounding::round;
+use super::line::{POSITION_DECIMALS, round};
 use super::{Layout, MOST_ROWS};
 use crate::body::determined::UNKNOWN_M;
 

@@ -245,7 +245,7 @@ impl Write for PatientFile {
         let may_pass = |error: &io::Error| error.kind() != ErrorKind::Interrupted;
         patiently(&**disk, path, may_pass, || {
             #[cfg(test)]
-            super::failing_disk::check(path, super::failing_disk::Work::Write)?;
+            super::fixture::check(path, super::fixture::Work::Write)?;
             file.write(bytes)
         })
     }
@@ -255,7 +255,7 @@ impl Write for PatientFile {
         // A second sync would succeed: the system reports lost writes only once.
         patiently(&**disk, path, is_full, || {
             #[cfg(test)]
-            super::failing_disk::check(path, super::failing_disk::Work::Sync)?;
+            super::fixture::check(path, super::fixture::Work::Sync)?;
             sync(file)
         })
     }

@@ -7,8 +7,7 @@ use farfield_proto::venue::parameters::BirthParameters;
 
 use super::phase::{self, Coverage, Phase};
 use super::poster::Stillness;
-use super::tentative::Votes;
-use super::track::Track;
+use super::track::{Track, Votes};
 use crate::body::skeleton::{Joint, Joints};
 
 /// Parameters of decisions, the same for all tracks.

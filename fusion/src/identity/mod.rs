@@ -11,19 +11,16 @@
 //! outcome of others, for example where a body stands once its first ticks were solved again. So a
 //! tick is decided in a few stages: [`registry::Registry::step`] lists them.
 
-mod confirmation;
 mod decide;
 mod detection_scheduler;
 mod event;
 mod facts;
 pub mod known;
-mod memory;
 pub mod phase;
 mod poster;
 mod recognise;
 pub mod registry;
 mod shown;
 pub mod subjects;
-mod tentative;
 pub mod track;
 mod whereabouts;

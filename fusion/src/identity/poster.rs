@@ -11,7 +11,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::identity::tentative::TentativeTick;
+use crate::identity::track::TentativeTick;
 use crate::sightings::explanation::KnownBody;
 
 /// Least keypoints, all seen over the whole time, for a test of flatness.
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
     use crate::body::fixture::{Noise, coco, joints, standing};
     use crate::body::ik::relative_sigmas;
-    use crate::body::keypoint_estimate::KeypointEstimate;
+    use crate::body::observed::KeypointEstimate;
     use crate::body::skeleton::{Pose, Proportions, Skeleton};
     use farfield_proto::keypoints::KeypointSet;
     use nalgebra::UnitQuaternion;

@@ -1,18 +1,22 @@
 //! One person: its estimate and its identity.
+//!
+//! At its confirmation, a tentative person's lengths are estimated from all its ticks. The ticks are
+//! then solved again, so that the lengths are the same from the first published pose
+//! to the last.
 
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::message::{PersonBoxes, PersonPose, PersonState};
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
-use super::memory::{Candidate, Departed};
+use super::known::{Candidate, Departed};
 use super::phase::{self, Coverage, Phase, Showable, published};
 use super::poster::Stillness;
 use super::shown::ShownPeople;
-use super::tentative::{TentativeTick, Votes};
 use super::whereabouts::{LastSeen, Whereabouts};
 use crate::align::TickGroup;
-use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::fit::{PoseFinder, fit};
+use crate::body::observed::{KeypointEstimate, ObservedJoints};
 use crate::body::skeleton::{Joint, Pose, Skeleton};
 use crate::estimate::estimator::{BodyAhead, Estimator, RestartPoint, TickSnapshot};
 use crate::estimate::uncertainty::MadeOf;
@@ -332,5 +336,204 @@ impl Track {
             tick,
             restart_point: self.estimator.restart_point(),
         });
+    }
+}
+
+impl Track {
+    /// Takes the id and the body of `known`, who was here before. The poses so far must be solved
+    /// again.
+    pub(crate) fn take_identity_of(&mut self, known: Departed, rate_hz: f64) {
+        self.identity.id = known.id;
+        self.identity.lived_ticks += known.lived_ticks(rate_hz);
+        let body = &mut self.estimator.body;
+        body.sites = known.body.sites;
+        body.remeasure = known.body.remeasure;
+        body.known = known.body.known;
+        self.identity.tentative.known = Some(known.body.skeleton);
+    }
+
+    /// Estimates the body and returns the poses of the tentative ticks, in order. The phase is
+    /// already that of a confirmed person. A recognised person keeps the known body.
+    pub(crate) fn solve_again(&mut self, method: &Method) -> Vec<(Tick, PersonPose)> {
+        let record = std::mem::take(&mut self.identity.tentative);
+        let ticks = record.ticks;
+        // The fit returns the pose of its last tick: in reverse order, that is the first sighting.
+        let backwards: Vec<ObservedJoints> = ticks
+            .iter()
+            .rev()
+            .map(|t| ObservedJoints::from_estimates(&t.estimates, &method.sites))
+            .collect();
+        let ik = &method.parameters.ik;
+        let bounds = method.range_of_motion.as_ref();
+        // If the fit fails, the first body stays: it fitted the first sighting.
+        let (skeleton, pose) = fit(&backwards, ik, bounds).map_or_else(
+            |_| {
+                let estimator = &self.estimator;
+                (estimator.body.skeleton.clone(), *estimator.pose())
+            },
+            |body| (body.skeleton, body.pose),
+        );
+        let as_known = record.known.and_then(|skeleton| {
+            let mut finder = PoseFinder::new(ik, bounds);
+            let pose = finder.find(&skeleton, backwards.last()?)?;
+            Some((skeleton, pose))
+        });
+        let (skeleton, pose) = as_known.unwrap_or((skeleton, pose));
+        let estimator = &mut self.estimator;
+        estimator.restart(skeleton, &pose);
+        if record.velocity_m_s != Vector3::zeros() {
+            estimator.set_velocity(record.velocity_m_s);
+        }
+        estimator.forget_uncertainty();
+        // The people who are near now are no evidence about earlier ticks.
+        estimator.push(None);
+        ticks
+            .iter()
+            .enumerate()
+            .map(|(index, tick)| self.replay(index, tick, method))
+            .collect()
+    }
+
+    fn replay(
+        &mut self,
+        index: usize,
+        tick: &TentativeTick,
+        method: &Method,
+    ) -> (Tick, PersonPose) {
+        let estimates = &mut self.estimator.evidence.estimates;
+        estimates.clone_from(&tick.estimates);
+        // At the first sighting the pose is the fit itself: there is nothing to smooth with.
+        self.estimator.begin(method);
+        self.fit_keypoints(method);
+        if index > 0 {
+            self.estimator.smooth(method);
+        }
+        self.estimator.fit_joints(method);
+        let mut moment = TickSnapshot::default();
+        self.estimator
+            .write_snapshot(tick.tick, PersonState::Tentative, &mut moment);
+        self.identity.changed.solved.push(moment);
+        let id = self.identity.id;
+        let pose = self.estimator.published(id, PersonState::Tentative);
+        (tick.tick, pose)
+    }
+}
+
+/// Detection passes before contradictions can end a tentative track: detectors sometimes miss
+/// people.
+const MIN_PASSES: u32 = 3;
+/// Least time span of hips for a velocity, seconds: two points with errors of 50 mm each give it
+/// within 0.7 m/s, and there are more than two.
+const LEAST_TIME_S: f64 = 0.1;
+
+/// The keypoint positions of one tick of a tentative person.
+#[derive(Debug, Clone)]
+pub(crate) struct TentativeTick {
+    pub(crate) tick: Tick,
+    pub(crate) estimates: Vec<KeypointEstimate>,
+}
+
+/// Velocity of a person from `seen` (time in seconds, joints), world, metres per second: the slope
+/// of the least-squares line through the middles of the hips. A filter that began without a
+/// velocity has only half of it by then.
+pub(crate) fn velocity_m_s(seen: &[(f64, ObservedJoints)]) -> Option<Vector3<f64>> {
+    let hips = [Joint::LeftHip, Joint::RightHip];
+    let middles = seen
+        .iter()
+        .filter_map(|(at_s, joints)| Some((*at_s, joints.middle_m(hips)?)));
+    let (first, last) = (middles.clone().next()?, middles.clone().next_back()?);
+    if last.0 - first.0 < LEAST_TIME_S {
+        return None;
+    }
+    // Relative to the first, so that no digits are lost far from the origin and late in a run.
+    let points = middles.map(|(at_s, middle_m)| (at_s - first.0, middle_m - first.1));
+    let (mut n, mut t, mut t2) = (0.0, 0.0, 0.0);
+    let (mut x, mut xt) = (Vector3::zeros(), Vector3::zeros());
+    for (at_s, offset_m) in points {
+        n += 1.0;
+        t += at_s;
+        t2 += at_s * at_s;
+        x += offset_m;
+        xt += offset_m * at_s;
+    }
+    Some((xt * n - x * t) / (t2 * n - t * t))
+}
+
+/// Results of the detection passes since an initiation.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Votes {
+    pub(crate) passes: u32,
+    /// Viewpoints that saw it, summed over the passes.
+    pub(crate) seen: u32,
+    /// Viewpoints that should have seen it and did not, weighted by what their silence is worth
+    /// (`crate::sightings::attention`), summed over the passes.
+    pub(crate) missed: f64,
+}
+
+impl Votes {
+    /// Counts one pass: how many viewpoints saw the body, and how many should have seen it and did
+    /// not. A pass without either does not count.
+    pub(crate) fn count(&mut self, (seen, missed): (u32, f64)) {
+        if seen == 0 && missed <= 0.0 {
+            return;
+        }
+        self.passes += 1;
+        self.seen += seen;
+        self.missed += missed;
+    }
+
+    /// Whether the viewpoints contradict the body.
+    pub(crate) fn are_against(&self) -> bool {
+        self.passes >= MIN_PASSES && self.missed >= f64::from(self.seen)
+    }
+}
+
+#[cfg(test)]
+mod tentative_tests {
+    use super::*;
+
+    #[test]
+    fn contradictions_end_a_tentative_track_but_single_misses_do_not() {
+        let mut votes = Votes::default();
+        votes.count((2, 1.0));
+        votes.count((1, 3.0));
+        assert!(!votes.are_against());
+        votes.count((2, 1.0));
+        assert!(votes.are_against());
+        let mut votes = Votes::default();
+        for _ in 0..10 {
+            votes.count((2, 1.0));
+        }
+        assert!(!votes.are_against());
+    }
+
+    #[test]
+    fn velocity_is_that_of_the_hips_and_needs_several_ticks() {
+        let hips = |at_s: f64| {
+            let x_m = 4.0 * at_s;
+            let points = [
+                ("left_hip", [x_m, 0.1, 0.9]),
+                ("right_hip", [x_m, -0.1, 0.9]),
+            ];
+            (at_s, ObservedJoints::from_named(points))
+        };
+        let seen: Vec<_> = (0..12)
+            .map(|tick| hips(1e3 + f64::from(tick) / 60.0))
+            .collect();
+        let velocity_m_s = velocity_m_s(&seen).unwrap();
+        assert!((velocity_m_s - Vector3::new(4.0, 0.0, 0.0)).norm() < 1e-6);
+        assert_eq!(super::velocity_m_s(&seen[..6]), None);
+        assert_eq!(super::velocity_m_s(&[]), None);
+        let nothing = |at_s| (at_s, ObservedJoints::from_named([]));
+        assert_eq!(super::velocity_m_s(&[nothing(0.0), nothing(1.0)]), None);
+    }
+
+    #[test]
+    fn passes_without_votes_contradict_no_track() {
+        let mut votes = Votes::default();
+        for _ in 0..3 {
+            votes.count((0, 0.0));
+        }
+        assert!(!votes.are_against());
     }
 }

@@ -13,7 +13,7 @@
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, BinaryHeap};
 
-use super::gates::Gates;
+use super::agreement::Gates;
 use super::growth::grown_groups;
 use crate::sightings::rays::SightedBody;
 use crate::sightings::reconstruction::{Reconstruction, reconstruct};

@@ -12,8 +12,8 @@ use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::agreement::Gates;
 use super::association::associate;
-use super::gates::Gates;
 use super::plausibility::{STATURES_M, is_plausible};
 use super::rays::witnesses;
 use super::reconstruction::Reconstruction;

@@ -9,7 +9,7 @@ use farfield_proto::venue::Field;
 use farfield_proto::venue::parameters::BirthParameters;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::gates::Gates;
+use super::agreement::Gates;
 use crate::body::fixture::Noise;
 use crate::sightings::finder::PersonFinder;
 

@@ -4,8 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use farfield_proto::id::ViewpointIndex;
 
-use super::agreement::Agreements;
-use super::gates::Gates;
+use super::agreement::{Agreements, Gates};
 use crate::sightings::rays::SightedBody;
 
 /// Share of the members that may disagree with a new one: one bad sighting in a group must not

@@ -3,7 +3,7 @@
 //! ```text
 //!     sightings -> rays -> growth -> association -> reconstruction, plausibility -> finder: SightedPerson
 //!     explanation: which sightings a known body explains; contradiction: which viewpoints should see it and do not
-//!     agreement: whether two sightings agree; gates: how near, and where, rays must meet
+//!     agreement: whether two sightings agree, and how near, and where, rays must meet
 //!     attention: the weight of a silent viewpoint; diagnosis: why sightings gave no people
 //! ```
 //!
@@ -18,7 +18,6 @@ pub(crate) mod explanation;
 pub mod finder;
 #[cfg(test)]
 pub(crate) mod fixture;
-mod gates;
 mod growth;
 mod plausibility;
 pub(crate) mod rays;

@@ -16,7 +16,7 @@ use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::body::ik::{IkSolver, JointSpread, Priors, Target};
-use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::observed::KeypointEstimate;
 use crate::body::skeleton::{Joint, Kinematics, Pose, Site, Skeleton};
 use crate::estimate::estimator::TickSnapshot;
 use crate::estimate::evidence::{PatchReader, View};

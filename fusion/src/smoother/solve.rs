@@ -9,8 +9,9 @@ use farfield_proto::message::PersonPose;
 use nalgebra::Vector3;
 
 use crate::body::ik::{IkSolver, Priors, Target};
-use crate::body::skeleton::Joints;
-use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Pose, Site, Skeleton, reported_angles};
+use crate::body::skeleton::{
+    Joint, Joints, Kinematics, N_JOINTS, Pose, Site, Skeleton, reported_angles,
+};
 use crate::estimate::estimator::TickSnapshot;
 use crate::estimate::feet::Feet;
 use crate::identity::track::Track;

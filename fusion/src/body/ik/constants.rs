@@ -13,8 +13,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::factor::Factor;
-use super::normal::NormalEquations;
+use super::normal::{Factor, NormalEquations};
 use super::observability::spread_before;
 use crate::body::skeleton::{Joint, Kinematics, N_DOF, chain_of};
 

@@ -11,8 +11,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::composite::{Twist, TwistCovariance};
-use super::factor::Factor;
-use super::normal::{NormalEquations, Row};
+use super::normal::{Factor, NormalEquations, Row};
 use super::observability::spread_before;
 use crate::body::skeleton::dof::{ANCESTORS, LINKS, MAX_CHAIN};
 use crate::body::skeleton::{Joint, Kinematics, N_DOF, N_JOINTS, N_LINKS, Site};

@@ -4,8 +4,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Unit, Vector3};
 use proptest::prelude::*;
 
 use super::constants::{PoseElimination, SeenPoint};
-use super::factor::Factor;
-use super::normal::NormalEquations;
+use super::normal::{Factor, NormalEquations};
 use super::tests::{all_joints, any_pose, placed};
 use super::{JointSpread, PointInformation};
 use crate::body::skeleton::dof::{ANCESTORS, DofGroup, MAX_CHAIN, first_of};

@@ -10,7 +10,7 @@
 //! Damped Gauss-Newton (Levenberg-Marquardt) with the analytic Jacobian. Without bounds, keypoints
 //! that fit no body leave residuals, so the curvature of the cost is used from the second step on.
 //! Targets are summed per link (`composite.rs`), and the normal equations keep the sparsity of the
-//! tree (`normal.rs`, `factor.rs`). Bounds are an active set and hold exactly.
+//! tree (`normal.rs`). Bounds are an active set and hold exactly.
 //!
 //! Because of the weight vᵢ the priors do not bias what the targets determine. Σᵢ is the variance
 //! that the targets alone leave to DoF i (each DoF being uniform over its clinical range before),
@@ -20,25 +20,20 @@
 //! vanishes once a person is still. The same test, Σᵢ > τᵢ² after the solve, of the targets as
 //! evidence, flags a reported angle as unobserved.
 
-mod aims;
 mod composite;
 mod constants;
 mod covariance;
-mod factor;
 mod normal;
 mod observability;
-mod prior_term;
 mod priors;
-mod relative_sigma;
 mod solver;
 mod target;
 
 pub(crate) use constants::{PoseElimination, SeenPoint};
 pub use covariance::{JointSpread, PointInformation};
 pub use priors::Priors;
-pub use relative_sigma::relative_sigmas;
 pub use solver::IkSolver;
-pub use target::{Solution, Target};
+pub use target::{Solution, Target, relative_sigmas};
 
 #[cfg(test)]
 mod dense_tests;

@@ -2,8 +2,7 @@
 
 use std::f64::consts::PI;
 
-use super::factor::Factor;
-use super::normal::{NormalEquations, Row};
+use super::normal::{Factor, NormalEquations, Row};
 use crate::body::skeleton::angles::FIRST_JOINT_ANGLE;
 use crate::body::skeleton::dof::{ANCESTORS, DofGroup, MAX_CHAIN, first_of};
 use crate::body::skeleton::range_of_motion::spread_rad;

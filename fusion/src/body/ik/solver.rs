@@ -2,11 +2,10 @@
 
 use farfield_proto::venue::parameters::IkParameters;
 
-use super::aims::Aims;
-use super::factor::Factor;
-use super::normal::NormalEquations;
+use super::normal::{Factor, NormalEquations};
 use super::observability::Observability;
-use super::prior_term::PriorTerm;
+use super::priors::PriorTerm;
+use super::target::Aims;
 use super::{Priors, Solution, Target};
 use crate::body::skeleton::{Kinematics, N_DOF, N_ROOT_DOF, Pose, RangeOfMotion, Skeleton};
 

@@ -9,7 +9,6 @@ pub mod dof;
 mod joint;
 mod kinematics;
 mod model;
-mod proportions;
 pub mod range_of_motion;
 mod shoulder;
 
@@ -17,8 +16,9 @@ pub use angles::{ANGLE_NAMES, N_ANGLES, reported_angles};
 pub use dof::{N_DOF, N_JOINT_DOF, N_ROOT_DOF, chain_of};
 pub use joint::{Joint, Link, N_JOINTS, N_LINKS, Side};
 pub use kinematics::{Joints, Kinematics};
-pub use model::{Pose, Site, Skeleton, shoulder_coordinates, sites_of};
-pub use proportions::{Proportions, ProportionsError};
+pub use model::{
+    Pose, Proportions, ProportionsError, Site, Skeleton, shoulder_coordinates, sites_of,
+};
 pub use range_of_motion::RangeOfMotion;
 pub(crate) use shoulder::wrap;
 

@@ -4,8 +4,7 @@ use farfield_proto::venue::parameters::IkParameters;
 use nalgebra::Vector3;
 
 use super::Estimator;
-use crate::body::skeleton::Joints;
-use crate::body::skeleton::{Joint, N_JOINTS};
+use crate::body::skeleton::{Joint, Joints, N_JOINTS};
 use crate::estimate::evidence::View;
 use crate::method::Method;
 

@@ -6,15 +6,13 @@
 //! steady state a tick allocates only its messages (boxes, poses). Identity is decided in
 //! [`crate::identity`].
 
-mod coasting;
 mod meeting;
-mod moment;
 mod output;
-mod restart;
 mod stages;
 
 use nalgebra::Vector3;
 
+pub use self::output::{BodyAhead, TickSnapshot};
 use super::evidence::{PatchReader, View};
 use super::feet::Feet;
 use super::joint_filter::JointFilter;
@@ -22,17 +20,13 @@ use super::lattice::LatticeSearch;
 use super::left_right_swap::LeftRightSwaps;
 use super::occlusion::{BodyCapsules, CapsuleSet};
 use super::predict::Motion;
-use super::uncertainty::Uncertainty;
+use super::uncertainty::{Uncertainty, UncertaintySnapshot};
 use crate::body::ik::{IkSolver, Target};
-use crate::body::keypoint_estimate::KeypointEstimate;
 use crate::body::measured::MeasuredBody;
+use crate::body::observed::KeypointEstimate;
 use crate::body::skeleton::{Joint, Joints, Kinematics, N_JOINTS, Pose, Skeleton};
 use crate::boxes::Boxes;
 use crate::method::Method;
-
-pub use self::moment::TickSnapshot;
-pub use self::output::BodyAhead;
-pub(crate) use self::restart::RestartPoint;
 
 /// The evidence of one person in the views of a tick.
 pub struct Evidence {
@@ -202,4 +196,75 @@ impl Estimator {
 
 fn joints_of(kinematics: &Kinematics) -> Joints {
     Joint::ALL.map(|joint| kinematics.joint_m(joint))
+}
+
+/// A pose with its uncertainty, to go back to.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RestartPoint {
+    pose: Pose,
+    known: UncertaintySnapshot,
+}
+
+impl Estimator {
+    /// Starts over with another body and pose.
+    pub(crate) fn restart(&mut self, skeleton: Skeleton, pose: &Pose) {
+        self.body.skeleton = skeleton;
+        self.restart_at(pose);
+    }
+
+    /// Starts over in another pose, with the same body.
+    pub(crate) fn restart_at(&mut self, pose: &Pose) {
+        let estimate = &mut self.estimate;
+        estimate.pose = *pose;
+        self.body
+            .skeleton
+            .forward(&estimate.pose, &mut estimate.kinematics);
+        let joints_m = joints_of(&estimate.kinematics);
+        estimate.motion = Motion::at_rest(joints_m);
+        estimate.filter.reset(&joints_m);
+        estimate.measured_m = joints_m;
+    }
+
+    /// Whether a search within `half_width_m` of the current keypoints reaches those of another
+    /// `pose`.
+    pub(crate) fn reaches(&self, pose: &Pose, half_width_m: f64) -> bool {
+        let mut there = Kinematics::default();
+        self.body.skeleton.forward(pose, &mut there);
+        let sites = self.body.sites.iter().flatten();
+        let mut off_m =
+            sites.map(|site| there.site_m(site) - self.estimate.kinematics.site_m(site));
+        off_m.all(|off_m| off_m.amax() < half_width_m)
+    }
+
+    /// Sets the velocity of the whole body, `velocity_m_s` (world).
+    pub(crate) fn set_velocity(&mut self, velocity_m_s: Vector3<f64>) {
+        let estimate = &mut self.estimate;
+        estimate.filter.set_velocity(velocity_m_s);
+        let joints_m = *estimate.filter.position_m();
+        estimate
+            .motion
+            .push(&joints_m, estimate.filter.velocity_m_s());
+    }
+
+    /// Resets the uncertainty of the pose.
+    pub(crate) fn forget_uncertainty(&mut self) {
+        self.estimate.uncertainty.reset();
+    }
+
+    /// The current pose and its uncertainty.
+    pub(crate) fn restart_point(&self) -> RestartPoint {
+        RestartPoint {
+            pose: self.estimate.pose,
+            known: self.estimate.uncertainty.known(),
+        }
+    }
+
+    /// Goes back to where it was `ago_s` seconds ago, as uncertain as if it had not been seen
+    /// since.
+    pub(crate) fn go_back_to(&mut self, before: &RestartPoint, ago_s: f64, method: &Method) {
+        self.evidence.estimates.clear();
+        self.restart_at(&before.pose);
+        self.estimate.uncertainty.go_back_to(&before.known);
+        self.update_uncertainty(ago_s, method);
+    }
 }

@@ -33,7 +33,6 @@ mod candidates;
 mod coarse;
 mod refine;
 mod sides;
-mod symmetric;
 #[cfg(test)]
 mod tests;
 mod witness;
@@ -47,7 +46,7 @@ use self::coarse::CoarsePass;
 use self::refine::Refiner;
 use self::sides::{Sides, are_one_spot, decide_sides};
 use self::witness::{Closeness, Witnesses};
-use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::observed::KeypointEstimate;
 use crate::estimate::evidence::View;
 
 /// Most modes of one keypoint.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::symmetric::Symmetric;
+use super::candidates::Symmetric;
 use super::witness::{Witness, Witnesses};
 use super::{KeypointPlace, LatticeMode};
 use crate::estimate::evidence::PackedMap;

@@ -5,7 +5,7 @@ use farfield_proto::venue::parameters::LatticeParameters;
 use nalgebra::{Matrix3x4, Unit, Vector2, Vector3};
 
 use super::{KeypointPlace, prior};
-use crate::body::keypoint_estimate::KeypointEstimate;
+use crate::body::observed::KeypointEstimate;
 use crate::estimate::evidence::{ExpectedKeypoint, View};
 
 /// Native pixels per map cell from which a crop has full weight. The usual networks have four input

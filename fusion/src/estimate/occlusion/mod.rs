@@ -10,8 +10,7 @@ mod touch;
 use farfield_proto::venue::parameters::OcclusionParameters;
 use nalgebra::Vector3;
 
-use crate::body::skeleton::Joint;
-use crate::body::skeleton::Joints;
+use crate::body::skeleton::{Joint, Joints};
 
 pub(crate) use self::touch::Touch;
 

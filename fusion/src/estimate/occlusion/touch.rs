@@ -3,8 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{BodyCapsules, CAPSULES, Capsule, closest_between};
-use crate::body::skeleton::Joint;
-use crate::body::skeleton::Joints;
+use crate::body::skeleton::{Joint, Joints};
 
 /// Axes closer than this have no direction from one to the other, metres.
 const LEAST_APART_M: f64 = 1e-6;

@@ -25,9 +25,7 @@
 //! Rays are compared, not pixels: two persons of one viewpoint may come from different cameras.
 //! Decisions only read; [`PeakAssignment::carve`] changes the maps of one person.
 
-mod claim;
 mod claims;
-mod groups;
 #[cfg(test)]
 mod tests;
 

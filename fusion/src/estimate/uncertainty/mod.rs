@@ -3,9 +3,9 @@
 //!
 //! It has four sources, all as variance per axis:
 //!
-//! - The views of this tick (`views`), carried through the skeleton to all joints by
+//! - The views of this tick (`observation`), carried through the skeleton to all joints by
 //!   [`JointSpread`]: an unseen joint is connected to seen ones, and is somewhere in its range of
-//!   motion. Errors that last for seconds (`lasting`: this person's hips relative to the network's,
+//!   motion. Errors that last for seconds (this person's hips relative to the network's,
 //!   body proportions) are added, because they do not average out. So is the misfit: if the pose is
 //!   farther from the keypoints than their uncertainty, one of the two is wrong.
 //! - The variance when the joint was last seen, and its growth since (`drift`); it is used if it is
@@ -15,7 +15,7 @@
 //!   one view.
 //! - Disagreement of the views (`disagreement`): cameras that do not agree make all joints
 //!   uncertain. If they show single keypoints elsewhere, these are as uncertain as the places are
-//!   apart (`split`).
+//!   apart.
 //! - The last variance: the filter needs time to return, and so does the variance.
 //!
 //! Errors of a network last for seconds, so earlier ticks do not reduce the variance of a tick:
@@ -25,24 +25,16 @@
 
 mod disagreement;
 mod drift;
-mod known;
-mod last_seen;
-mod lasting;
 mod observation;
-mod split;
-mod views;
 
 pub(crate) use disagreement::SeenPose;
-pub use known::UncertaintySnapshot;
+pub use disagreement::weigh_views;
 pub(crate) use observation::BodyObservation;
-pub use split::weigh_views;
-
-use self::last_seen::LastSeen;
 
 use crate::body::ik::JointSpread;
-use crate::body::keypoint_estimate::KeypointEstimate;
-use crate::body::skeleton::Joints;
-use crate::body::skeleton::{Joint, Kinematics, N_JOINTS, Site};
+use crate::body::observed::KeypointEstimate;
+use crate::body::skeleton::{Joint, Joints, Kinematics, N_JOINTS, Site};
+use drift::LastSeen;
 
 /// Share of the misfit between pose and keypoints that is an error of the pose.
 const MISFIT_SHARE: f64 = 0.5;
@@ -297,7 +289,7 @@ impl Uncertainty {
         self.compare(tick);
         let misfits_m2 = self.misfit_m2.iter().zip(Joint::ALL);
         for (variance_m2, (misfit_m2, joint)) in seen_m2.iter_mut().zip(misfits_m2) {
-            *variance_m2 += lasting::sigma_m(joint).powi(2);
+            *variance_m2 += observation::sigma_m(joint).powi(2);
             *variance_m2 += MISFIT_SHARE * (misfit_m2 - *variance_m2).max(0.0);
         }
         seen_m2
@@ -316,6 +308,46 @@ impl Uncertainty {
                 *misfit_m2 += keep * (off_m.norm_squared() / 3.0 - *misfit_m2);
             }
         }
+    }
+}
+
+/// The uncertainty of a person at a tick.
+#[derive(Debug, Clone, Copy)]
+pub struct UncertaintySnapshot {
+    was_seen: bool,
+    variance_m2: [f64; N_JOINTS],
+    by_two: LastSeen,
+    by_any: LastSeen,
+    made_of: MadeOf,
+    speed_m_s: f64,
+    variance_factor: f64,
+}
+
+impl Uncertainty {
+    /// The current uncertainty.
+    pub fn known(&self) -> UncertaintySnapshot {
+        UncertaintySnapshot {
+            was_seen: self.is_known,
+            variance_m2: self.variance_m2,
+            by_two: self.by_two,
+            by_any: self.by_any,
+            made_of: self.made_of,
+            speed_m_s: self.speed_m_s,
+            variance_factor: self.variance_factor,
+        }
+    }
+
+    /// Restores `known`. A step with the time since then makes it as uncertain as if nothing had
+    /// been seen.
+    pub fn go_back_to(&mut self, known: &UncertaintySnapshot) {
+        self.is_known = known.was_seen;
+        self.variance_m2 = known.variance_m2;
+        self.by_two = known.by_two;
+        self.by_any = known.by_any;
+        self.made_of = known.made_of;
+        self.speed_m_s = known.speed_m_s;
+        self.variance_factor = known.variance_factor;
+        self.misfit_m2 = [0.0; N_JOINTS];
     }
 }
 

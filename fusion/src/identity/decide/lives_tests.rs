@@ -4,7 +4,7 @@ use super::*;
 use crate::estimate::uncertainty::MadeOf;
 use crate::identity::phase::{Coverage, Showable, published};
 use crate::identity::poster::Stillness;
-use crate::identity::tentative::Votes;
+use crate::identity::track::Votes;
 use farfield_proto::message::PersonState;
 
 const RATE_HZ: f64 = 50.0;

@@ -6,7 +6,7 @@ use farfield_proto::tick::Tick;
 
 use crate::identity::event::{Event, EventKind};
 use crate::identity::facts::{Rules, TrackFacts};
-use crate::identity::memory::Candidate;
+use crate::identity::known::Candidate;
 use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 
 /// Least ln of the likelihood ratio at which a newcomer is a known person.

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use crate::identity::event::{Event, EventKind};
 use crate::identity::facts::{Rules, TrackFacts};
-use crate::identity::memory::Candidate;
+use crate::identity::known::Candidate;
 use crate::identity::recognise::{Appearance, LikenessModel, assign_known};
 use crate::identity::whereabouts::Whereabouts;
 

@@ -16,7 +16,7 @@ use farfield_proto::tick::Tick;
 use super::Registry;
 use crate::body::fit::Fitted;
 use crate::identity::event::{Event, EventKind};
-use crate::identity::memory::Departed;
+use crate::identity::known::Departed;
 use crate::identity::phase::{Coverage, Phase};
 use crate::identity::track::Track;
 use crate::method::Method;

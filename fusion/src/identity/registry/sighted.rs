@@ -7,8 +7,7 @@ use nalgebra::Vector3;
 
 use super::Registry;
 use crate::align::TickGroup;
-use crate::body::fit::{Fitted, fit};
-use crate::body::initial_pose::PoseFinder;
+use crate::body::fit::{Fitted, PoseFinder, fit};
 use crate::body::observed::ObservedJoints;
 use crate::body::skeleton::Joint;
 use crate::identity::decide::places;

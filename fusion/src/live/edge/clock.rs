@@ -18,7 +18,7 @@ use std::collections::VecDeque;
 use farfield_proto::message::health::SystemClock;
 use farfield_proto::message::live::MAX_CLOCK_CORRECTION_US;
 
-use super::agreement::OffsetBounds;
+use super::common_clock::OffsetBounds;
 use crate::live::{Micros, SECOND_US};
 
 /// How long an exchange counts.

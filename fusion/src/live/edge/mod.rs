@@ -1,6 +1,5 @@
 //! State of one edge: its clock, its delays, what was sent to it, and its errors.
 
-pub mod agreement;
 pub mod clock;
 pub mod common_clock;
 

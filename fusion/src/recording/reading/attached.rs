@@ -5,7 +5,7 @@ use std::io::{Read, Seek};
 
 use mcap::records::{AttachmentHeader, Metadata};
 
-use super::error::RecordingError;
+use super::RecordingError;
 use crate::recording::framing::find_metadata;
 use crate::recording::{CALIBRATION_FILE, CARD_FILE, FACTS, PROFILE, VENUE_FILE, is_subject_file};
 

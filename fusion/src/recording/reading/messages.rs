@@ -9,9 +9,8 @@ use std::ops::Range;
 use mcap::records::Record;
 
 use super::attached::Attached;
-use super::error::RecordingError;
-use super::placed::{ChunkNumbers, MessagePosition, PlacedMessages};
 use super::reader::topics;
+use super::{ChunkNumbers, MessagePosition, PlacedMessages, RecordingError};
 use crate::recording::framing::{RecordPlace, walk};
 
 /// A message that is not read yet.

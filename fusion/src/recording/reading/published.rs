@@ -11,8 +11,8 @@ use farfield_proto::tick::Tick;
 use farfield_proto::wire;
 use mcap::records::Record;
 
+use super::RecordingError;
 use super::attached::Attached;
-use super::error::RecordingError;
 use super::reader::topics;
 use crate::recording::channels::Content;
 use crate::recording::framing::{FileEnd, walk};

@@ -17,10 +17,10 @@ use farfield_proto::wire;
 use mcap::records::Record;
 use serde::Deserialize;
 
-pub use super::error::RecordingError;
+pub use super::RecordingError;
 
 use super::attached::Attached;
-use super::placed::{ChunkNumbers, MessagePosition, PlacedMessages};
+use super::{ChunkNumbers, MessagePosition, PlacedMessages};
 use crate::identity::known::KnownPeople;
 use crate::recording::channels::{Content, channels};
 use crate::recording::expected::ExpectedPeople;
