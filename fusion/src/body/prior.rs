@@ -61,7 +61,7 @@ impl BodyPrior {
     pub fn parse(text: &str, path: &Path) -> Result<(String, Self), FileError> {
         let profile = SubjectProfile::parse(text, path, &Joint::ends_of_links())?;
         let body = Self::from_profile(&profile).map_err(|problem| {
-            FileError::new(path, format!("found a link of no body: {problem}")).at_field("link")
+            FileError::new(path, format!("found an implausible link: {problem}")).at_field("link")
         })?;
         Ok((profile.name, body))
     }
@@ -327,7 +327,8 @@ mod tests {
         let refused = BodyPrior::parse(&text, Path::new("anna.toml")).unwrap_err();
         let refused = refused.to_string();
         assert!(
-            refused.starts_with("anna.toml: `link`: found a link of no body: the head is -0.500 m"),
+            refused
+                .starts_with("anna.toml: `link`: found an implausible link: the head is -0.500 m"),
             "{refused}"
         );
     }

@@ -14,7 +14,7 @@ const LEAST_SPREAD: f64 = 1e-7;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum TriangulateError {
     /// One view (or none) leaves a whole ray.
-    #[error("{got} views do not fix a point, 2 are needed")]
+    #[error("{got} views do not determine a point, 2 are needed")]
     TooFewViews {
         /// How many views there were (with a weight above zero).
         got: usize,

@@ -151,7 +151,7 @@ impl PartFile {
                 if !self.is_unconfirmed {
                     self.note(Refusal {
                         file: name_of(self.file.path()),
-                        failure: format!("the disk does not confirm that it has it: {error}"),
+                        failure: format!("the disk does not confirm the data: {error}"),
                         goes_on_in: None,
                     });
                 }

@@ -226,7 +226,7 @@ impl Membership {
         let backends = [hash, &status.network_hash].map(|hash| models_and_backend(hash).1);
         (backends[0] != backends[1]).then(|| {
             format!(
-                "it computes with {}, {name} with {}: both take part; tract is several times slower, and is what an edge falls back on where it finds no ONNX Runtime",
+                "it computes with {}, {name} with {}: both take part; tract is several times slower; an edge uses it if it finds no ONNX Runtime",
                 backends[1], backends[0]
             )
         })

@@ -38,7 +38,7 @@ pub enum FramingError {
         problem: &'static str,
     },
     /// Chunks have an unsupported compression.
-    #[error("its chunks are compressed by {0:?}, which is none of \"lz4\" and \"zstd\"")]
+    #[error("its chunks are compressed by {0:?}, expected \"lz4\" or \"zstd\"")]
     Compressed(String),
 }
 

@@ -76,7 +76,7 @@ pub enum ReplayError {
     #[error(transparent)]
     Recording(#[from] RecordingError),
     /// The ticks are not those of one run.
-    #[error("its ticks lie too far apart for {sets} sets: {from} to {to}")]
+    #[error("its ticks are too far apart for {sets} sets: {from} to {to}")]
     Span {
         /// First tick.
         from: Tick,

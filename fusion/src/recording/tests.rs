@@ -252,13 +252,22 @@ fn a_chunk_with_a_wrong_checksum_is_skipped_and_counted() {
 
 #[test]
 fn foreign_files_are_reported() {
-    let refused = |bytes: &[u8]| open(bytes).err().unwrap().to_string();
-    assert!(refused(b"").contains("not an MCAP file"));
-    assert!(refused(&[b'x'; 4000]).contains("not an MCAP file"));
+    let refused = |bytes: &[u8]| open(bytes).err().unwrap();
+    for bytes in [&b""[..], &[b'x'; 4000]] {
+        let error = refused(bytes);
+        assert!(
+            matches!(error, RecordingError::Framing(FramingError::NotMcap)),
+            "{error}"
+        );
+    }
     let options = mcap::WriteOptions::new().profile("ros2").compression(None);
     let mut foreign = Cursor::new(Vec::new());
     options.create(&mut foreign).unwrap().finish().unwrap();
-    assert!(refused(foreign.get_ref()).contains("ros2"));
+    let error = refused(foreign.get_ref());
+    assert!(
+        matches!(&error, RecordingError::Foreign(profile) if profile == "ros2"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -47,7 +47,7 @@ pub enum EvidenceError {
         height: usize,
     },
     /// A keypoint without a crop.
-    #[error("keypoint {keypoint} lies on no crop")]
+    #[error("keypoint {keypoint} has no crop")]
     NoCrop {
         /// Which keypoint.
         keypoint: usize,

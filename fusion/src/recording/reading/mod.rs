@@ -19,10 +19,10 @@ pub enum RecordingError {
     #[error(transparent)]
     Framing(#[from] FramingError),
     /// A file of another program.
-    #[error("an MCAP file of profile {0:?}, not of \"{PROFILE}\"")]
+    #[error("an MCAP file of profile {0:?}, expected \"{PROFILE}\"")]
     Foreign(String),
     /// It ends before its metadata.
-    #[error("it ends before its head does: nothing was recorded")]
+    #[error("it ends inside its head: nothing was recorded")]
     NoHead,
     /// The file changed while it was read.
     #[error("byte {0}: the file has changed while it was read")]
