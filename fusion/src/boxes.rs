@@ -66,8 +66,8 @@ impl Boxes {
     /// later (world, metres).
     ///
     /// ```text
-    ///     size = max(m (max - min), extent of the projected lattices)      along the box's own axes
-    ///     rotation = atan2(vx, -vy), v = neck - pelvis in the image        = -B' of eq. (4)
+    ///   size = max(m (max - min), extent of the projected lattices)      along the box's own axes
+    ///   rotation = atan2(vx, -vy), v = neck - pelvis in the image        = -B' of eq. (4)
     /// ```
     ///
     /// The pelvis is the paper's torso n(1), the neck its n(6). The box turns when the rotation

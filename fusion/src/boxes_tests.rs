@@ -127,7 +127,7 @@ fn an_upright_person_has_an_upright_box_with_the_margin() {
 }
 
 #[test]
-fn head_to_the_right_is_a_quarter_turn_and_upside_down_is_a_half_one() {
+fn lying_and_upside_down_boxes_turn_by_quarter_and_half() {
     let turned = |roll: f64| {
         let joints = posed(
             Rotation3::from_axis_angle(&Vector3::x_axis(), roll),
@@ -190,7 +190,7 @@ fn boxes_that_must_not_turn_do_not() {
 }
 
 #[test]
-fn people_behind_the_camera_or_out_of_its_image_have_no_box() {
+fn people_outside_the_image_have_no_box() {
     let at = |at: [f64; 3]| camera_box(&mut Boxes::default(), &posed(Rotation3::identity(), at));
     assert!(at([-12.0, 0.0, 1.0]).is_none());
     assert!(at([0.0, 14.0, 1.0]).is_none());

@@ -1,8 +1,8 @@
 //! One step of fusion: the patches and sightings of a tick in, skeletons and the next boxes out.
 //!
 //! ```text
-//!     patches -> estimate, each person in parallel -> registry: facts, decisions, events
-//!     sightings -> registry: new or returning people -> detection schedule -> boxes
+//!   patches -> estimate, each person in parallel -> registry: facts, decisions, events
+//!   sightings -> registry: new or returning people -> detection schedule -> boxes
 //! ```
 //!
 //! Pure: the same groups in the same order give the same bits. Persons are computed in parallel,
@@ -373,7 +373,7 @@ impl Pipeline {
         // All work on whole maps, person by person: together the maps are larger than a processor's
         // caches.
         each(self.registry.tracks_mut(), |index, track| {
-            let dropped = track.see_all(group, cameras, (method, finds_people));
+            let dropped = track.see_all(group, cameras, method, finds_people);
             let estimator = &mut track.estimator;
             estimator.place_views(bodies, index, method);
             estimator.undo_left_right_swaps(method);

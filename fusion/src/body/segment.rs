@@ -155,7 +155,7 @@ const UPRIGHT: f64 = 0.75;
 ///
 /// ```text
 ///   f = u x (r - l)                  u: from the middle of the hips to that of the shoulders l and r
-///     cos(n - (l + r)/2, f)            n: the nose; f points ahead if left and right are correct
+///   cos(n - (l + r)/2, f)            n: the nose; f points ahead if left and right are correct
 /// ```
 pub(crate) fn nose_ahead(
     nose_m: Vector3<f64>,

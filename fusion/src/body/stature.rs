@@ -19,7 +19,7 @@ const UPWARD: [[Joint; 2]; 5] = [
 /// missing.
 ///
 /// ```text
-///     stature = Σ lᵢ / Σ rᵢ,   lᵢ: shank, thigh, lumbar, trunk and neck, metres,   rᵢ: those of the average body, in statures
+///   stature = Σ lᵢ / Σ rᵢ,   lᵢ: shank, thigh, lumbar, trunk and neck, metres,   rᵢ: those of the average body, in statures
 /// ```
 ///
 /// The ankle above the sole and the top of the head above its middle have no keypoints: they are

@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gain_peaks_at_1_25_db_and_falls_at_the_cutoff() {
+    fn the_gain_peaks_and_falls_at_the_cutoff() {
         let parameters = SmoothingParameters {
             cutoff_hz: 2.0,
             ..FIXED

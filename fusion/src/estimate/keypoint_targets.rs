@@ -1,9 +1,9 @@
 //! Targets of the first inverse kinematics: the keypoints of a tick.
 //!
 //! ```text
-//!     A = c I + (p/σ²) 1          seen: I of `uncertainty::observation`, the information of all views about the place
-//!     A = (p/σ²) 1                not seen: the predicted place
-//!     E = (I⁻¹ + v 1)⁻¹ + (p/σ²) 1    the same as evidence, with a lasting error of variance v
+//!   A = c I + (p/σ²) 1          seen: I of `uncertainty::observation`, the information of all views about the place
+//!   A = (p/σ²) 1                not seen: the predicted place
+//!   E = (I⁻¹ + v 1)⁻¹ + (p/σ²) 1    the same as evidence, with a lasting error of variance v
 //! ```
 //!
 //! The paper weights a keypoint by a number, (12). Views have different information along different

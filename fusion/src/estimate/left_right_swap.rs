@@ -166,7 +166,7 @@ mod tests {
         let mut meeting = MeetingFixture::at(&[[0.3, -0.2, 0.0]]);
         meeting.begin();
         for camera in 0..meeting.hall.cameras.len() {
-            let drawn = change(camera, meeting.as_they_are(0));
+            let drawn = change(camera, meeting.true_peaks(0));
             meeting.show(0, camera, &drawn);
         }
         meeting.place();
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn two_of_four_views_are_restored_by_the_vote_of_the_model() {
+    fn two_of_four_swapped_views_are_restored() {
         let mut meeting = seen(|camera, drawn| swapped(drawn, |_| camera < 2));
         undo(&mut meeting);
         assert!((0..4).all(|view| is_unswapped(&meeting, view)));

@@ -81,7 +81,7 @@ impl MeetingFixture {
     }
 
     /// Every keypoint of a person at its place, at full height.
-    pub(crate) fn as_they_are(&self, person: usize) -> Vec<Drawn> {
+    pub(crate) fn true_peaks(&self, person: usize) -> Vec<Drawn> {
         let points = self.tracks[person].keypoints_m().into_iter();
         points.enumerate().map(|(k, p)| (k, p, 0.9)).collect()
     }

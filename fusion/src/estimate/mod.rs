@@ -1,11 +1,11 @@
 //! One tick of one person: from the patches of all views to the pose and its prediction.
 //!
 //! ```text
-//!     patches -> estimator: one person from tick to tick
-//!     patches -> evidence: views -> predict, occlusion: expected keypoints and weights of views
-//!             -> left_right_swap, peak_assignment: owners of peaks -> lattice: keypoints
-//!             -> keypoint_targets -> inverse kinematics -> joint_filter -> separation, feet -> inverse kinematics
-//!             -> uncertainty
+//!   patches -> estimator: one person from tick to tick
+//!   patches -> evidence: views -> predict, occlusion: expected keypoints and weights of views
+//!           -> left_right_swap, peak_assignment: owners of peaks -> lattice: keypoints
+//!           -> keypoint_targets -> inverse kinematics -> joint_filter -> separation, feet -> inverse kinematics
+//!           -> uncertainty
 //! ```
 //!
 //! Nothing here knows ids or phases; persons interact only at barriers.

@@ -28,7 +28,7 @@ fn written(ticks: &[(i64, &[u32])]) -> (tempfile::TempDir, Vec<Presence>) {
 }
 
 #[test]
-fn a_run_leaves_lines_by_tick_and_person_and_two_files_per_person() {
+fn a_run_has_lines_and_two_files_per_person() {
     let (folder, presences) = written(&[(10, &[2, 1]), (11, &[2])]);
     let mut names: Vec<String> = fs::read_dir(folder.path())
         .unwrap()

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_cut_at_any_byte_equals_that_of_a_shorter_run() {
+    fn a_cut_file_equals_that_of_a_shorter_run() {
         const TICKS: i64 = 3;
         let whole = run_of(TICKS);
         let shorter: Vec<_> = (0..TICKS).map(run_of).collect();

@@ -193,7 +193,8 @@ impl Candidate {
     /// are out of reach do not count.
     pub(crate) fn likeness(
         &self,
-        (newcomer, since): (&Appearance, Tick),
+        newcomer: &Appearance,
+        since: Tick,
         model: &LikenessModel,
         rate_hz: f64,
     ) -> Option<f64> {

@@ -1,9 +1,9 @@
 //! Identity: how people are found, confirmed, followed, lost, recognised and dropped.
 //!
 //! ```text
-//!     facts     the state of each track at a tick, as plain values
-//!     decide    facts -> events: pure, a table of rules
-//!     registry  applies events to the tracks, and publishes them
+//!   facts     the state of each track at a tick, as plain values
+//!   decide    facts -> events: pure, a table of rules
+//!   registry  applies events to the tracks, and publishes them
 //! ```
 //!
 //! A phase ([`phase::Phase`]) is stored only in [`track::TrackIdentity`], and only events change

@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_is_a_poster_and_a_person_next_to_it_is_not() {
+    fn a_picture_is_a_poster_and_a_person_is_not() {
         let mut noise = Noise(1);
         for _ in 0..200 {
             let body = standing(0.0, 0.0, 1.75, &mut noise);

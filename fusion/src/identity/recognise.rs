@@ -264,7 +264,7 @@ mod tests {
     }
 
     /// The column of each row.
-    fn who(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<usize>> {
+    fn columns(likeness: &[Vec<Option<f64>>], least: f64) -> Vec<Option<usize>> {
         let chosen = assign_known(likeness, least);
         chosen.iter().map(|c| c.map(|c| c.column)).collect()
     }
@@ -312,7 +312,7 @@ mod tests {
     fn all_are_decided_together() {
         // The first newcomer fits the first known best alone, but the second has no alternative.
         let likeness = [vec![Some(4.0), Some(3.5)], vec![Some(3.8), None]];
-        assert_eq!(who(&likeness, 1.0), [Some(1), Some(0)]);
+        assert_eq!(columns(&likeness, 1.0), [Some(1), Some(0)]);
     }
 
     #[test]
@@ -327,11 +327,14 @@ mod tests {
 
     #[test]
     fn an_ambiguous_person_is_new() {
-        assert_eq!(who(&[vec![Some(3.0), Some(2.8)]], 1.0), [None]);
-        assert_eq!(who(&[vec![Some(4.0), Some(1.9)]], 1.0), [Some(0)]);
-        assert_eq!(who(&[vec![Some(0.5), None]], 1.0), [None]);
-        assert_eq!(who(&[vec![Some(3.0)], vec![Some(2.9)]], 1.0), [None, None]);
-        assert_eq!(who(&[Vec::new()], 1.0), [None]);
-        assert_eq!(who(&[], 1.0), []);
+        assert_eq!(columns(&[vec![Some(3.0), Some(2.8)]], 1.0), [None]);
+        assert_eq!(columns(&[vec![Some(4.0), Some(1.9)]], 1.0), [Some(0)]);
+        assert_eq!(columns(&[vec![Some(0.5), None]], 1.0), [None]);
+        assert_eq!(
+            columns(&[vec![Some(3.0)], vec![Some(2.9)]], 1.0),
+            [None, None]
+        );
+        assert_eq!(columns(&[Vec::new()], 1.0), [None]);
+        assert_eq!(columns(&[], 1.0), []);
     }
 }

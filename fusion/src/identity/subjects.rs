@@ -137,7 +137,7 @@ impl Subjects {
                         why: why(&person.lengths, lengths, best.log_ratio, best.margin),
                     })
                 }
-                _ => self.unlike(person, (&free, &known)),
+                _ => self.unlike(person, &free, &known),
             };
             let Some(finding) = finding else { continue };
             self.reported.push(person.id);
@@ -152,7 +152,7 @@ impl Subjects {
 
     /// The finding for a person without a pair, among the free names: no subject is alike, or other
     /// people match it better.
-    fn unlike(&self, person: &Nameless, (free, known): (&[usize], &[Lengths])) -> Option<Finding> {
+    fn unlike(&self, person: &Nameless, free: &[usize], known: &[Lengths]) -> Option<Finding> {
         let own = &person.lengths;
         let pairs = free.iter().zip(known);
         let pairs = pairs.filter(|(index, _)| !self.taken.contains_key(index));

@@ -192,7 +192,8 @@ impl Track {
         &mut self,
         group: &TickGroup,
         cameras: &[VenueView],
-        (method, finds_people): (&Method, bool),
+        method: &Method,
+        finds_people: bool,
     ) -> u32 {
         let (id, mut unusable) = (self.identity.wire_id, 0);
         if finds_people && self.is_adrift() {
@@ -473,7 +474,7 @@ pub(crate) struct Votes {
 impl Votes {
     /// Counts one pass: how many viewpoints saw the body, and how many should have seen it and did
     /// not. A pass without either does not count.
-    pub(crate) fn count(&mut self, (seen, missed): (u32, f64)) {
+    pub(crate) fn count(&mut self, seen: u32, missed: f64) {
         if seen == 0 && missed <= 0.0 {
             return;
         }
@@ -495,14 +496,14 @@ mod tentative_tests {
     #[test]
     fn contradictions_end_a_tentative_track_but_single_misses_do_not() {
         let mut votes = Votes::default();
-        votes.count((2, 1.0));
-        votes.count((1, 3.0));
+        votes.count(2, 1.0);
+        votes.count(1, 3.0);
         assert!(!votes.are_against());
-        votes.count((2, 1.0));
+        votes.count(2, 1.0);
         assert!(votes.are_against());
         let mut votes = Votes::default();
         for _ in 0..10 {
-            votes.count((2, 1.0));
+            votes.count(2, 1.0);
         }
         assert!(!votes.are_against());
     }
@@ -532,7 +533,7 @@ mod tentative_tests {
     fn passes_without_votes_contradict_no_track() {
         let mut votes = Votes::default();
         for _ in 0..3 {
-            votes.count((0, 0.0));
+            votes.count(0, 0.0);
         }
         assert!(!votes.are_against());
     }

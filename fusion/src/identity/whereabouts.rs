@@ -11,7 +11,7 @@
 //! no velocity is known, w is 0.
 //!
 //! x0 and v0 are place and velocity when it was last seen, v1 the velocity when it is seen again.
-//! v1 is measured, or it is v0 turned as the body has turned: people run the spread they face, and a
+//! v1 is measured, or it is v0 turned as the body has turned: people run the way they face, and a
 //! backwards runner turns all the same. The mean of the two is used, so that a person who turned
 //! around is where it was. The longer ago, the less the path predicts: most people who leave turn
 //! around or stand. Of those, a share a stays about the place and moves at random there (waits,

@@ -17,7 +17,7 @@ fn parts(group: &TickGroup) -> Vec<(u16, u16)> {
 }
 
 #[test]
-fn ticks_are_taken_in_order_also_when_nothing_came() {
+fn ticks_are_taken_in_order_also_without_messages() {
     let mut gather = gather();
     assert_eq!(gather.add_patches(patches(12, 1, 0, 1), 50), Taken::Open);
     assert!(gather.has_all(Tick(12), ViewpointIndex(1)));

@@ -46,7 +46,7 @@ mod tests {
     }
 
     #[test]
-    fn the_warning_comes_once_and_only_if_the_parameter_is_the_cause() {
+    fn the_warning_comes_once_and_only_for_the_parameter() {
         assert_eq!(warnings(450.0, SECOND_US), 1);
         assert_eq!(
             warnings(300.0, SECOND_US),

@@ -70,7 +70,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_first_tick_from_the_time_of_a_tick_is_that_tick(
+        fn first_from_the_time_of_a_tick_is_that_tick(
             rate_hz in 10.0f64..500.0, at in 0i64..2_000_000_000,
         ) {
             let time = TickTime::new(0, rate_hz);

@@ -103,7 +103,7 @@ fn with_metadata_last() -> Vec<u8> {
 }
 
 #[test]
-fn metadata_behind_the_messages_say_as_much_as_ahead_of_them() {
+fn metadata_after_the_messages_are_read() {
     let plain = with_metadata_last();
     let [lz4, zstd] =
         [CompressionFormat::Lz4, CompressionFormat::Zstd].map(|it| compressed(&plain, it));

@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_set_fills_its_hole_and_a_silent_edge_gets_no_request() {
+    fn late_sets_fill_holes_and_silent_edges_get_no_request() {
         let mut holes = Holes::new(SESSION, 1, 2);
         holes.patches(&patches(0, 0, 1, 0));
         holes.worked_on(Tick(6));

@@ -68,7 +68,7 @@ mod tests {
     use crate::export::fixture;
 
     #[test]
-    fn a_message_has_the_lines_of_its_tick_and_fits_the_schema() {
+    fn a_message_has_its_lines_and_fits_the_schema() {
         let poses = PoseSet {
             session: SessionId(1),
             tick: Tick(7),

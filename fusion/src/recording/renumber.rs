@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn patches_go_to_the_person_whose_box_they_fit() {
+    fn patches_go_to_the_person_with_the_fitting_box() {
         let mut group = group(vec![patch(1, 500.0), patch(2, 100.0), patch(3, 900.0)]);
         let dropped = Renumber::default().apply(&mut group, &boxes(&[(1, 105.0), (2, 510.0)]));
         assert_eq!(ids(&group), [2, 1]);

@@ -401,7 +401,7 @@ proptest! {
 }
 
 #[test]
-fn messages_come_in_order_of_time_from_any_form_of_a_file() {
+fn messages_come_in_order_of_time_from_any_file() {
     for bytes in in_all_forms() {
         let mut messages = MessagesInTime::open(Cursor::new(bytes.as_slice())).unwrap();
         assert_eq!(

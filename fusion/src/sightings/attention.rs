@@ -5,7 +5,7 @@
 //! is poor. So each viewpoint is measured over the detection passes:
 //!
 //! ```text
-//!     a = (s0 + s) / (n0 + s + m),      w = min(1, (a / a0)^2),      a0 = s0 / n0
+//!   a = (s0 + s) / (n0 + s + m),      w = min(1, (a / a0)^2),      a0 = s0 / n0
 //! ```
 //!
 //! s and m count how often it recently saw and missed people who are tracked or that other

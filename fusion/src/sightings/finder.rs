@@ -122,7 +122,7 @@ impl PersonFinder {
         }
     }
 
-    /// The pass of `sightings` of one tick; `detected` tells per camera whether its detector ran.
+    /// The pass of `sightings` of one tick; `detected` states per camera whether its detector ran.
     pub(crate) fn detection_pass(
         &self,
         sightings: &[Sighting],

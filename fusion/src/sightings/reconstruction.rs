@@ -377,7 +377,7 @@ impl<'a> RayBundle<'a> {
 /// The point with the least weighted sum of squared distances from rays, from w P and w P o.
 ///
 /// ```text
-///     (sum w P) x = sum w P o,   P = I - d d'      w = score times trust
+///   (sum w P) x = sum w P o,   P = I - d d'      w = score times trust
 /// ```
 fn nearest_point(
     weighted: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>,

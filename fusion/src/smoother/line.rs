@@ -12,7 +12,7 @@
 //!
 //! ```text
 //!   forward    S = H P Hᵀ + r,   K = P Hᵀ/S,   e = z - H x
-//!     back       λ <- (I - KH)ᵀ λ - Hᵀ e/S,   Λ <- (I - KH)ᵀ Λ (I - KH) + Hᵀ H/S       at measurements
+//!   back       λ <- (I - KH)ᵀ λ - Hᵀ e/S,   Λ <- (I - KH)ᵀ Λ (I - KH) + Hᵀ H/S       at measurements
 //!              xs = x - P λ,   Ps = P - P Λ P,   λ <- Fᵀ λ,   Λ <- Fᵀ Λ F            (x, P: predicted)
 //! ```
 //!

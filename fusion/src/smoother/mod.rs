@@ -1,9 +1,9 @@
 //! The smoothed output: poses estimated with later evidence.
 //!
 //! ```text
-//!     tracks of a tick -> snapshots of each person, stored for the delay (window)
-//!       -> per joint: forward and back through time (line) -> inverse kinematics in the range of motion (solve)
-//!       -> the pose set of the tick at the end of the delay
+//!   tracks of a tick -> snapshots of each person, stored for the delay (window)
+//!     -> per joint: forward and back through time (line) -> inverse kinematics in the range of motion (solve)
+//!     -> the pose set of the tick at the end of the delay
 //! ```
 //!
 //! Identities are those known at the end of the delay. A person confirmed since then has its first

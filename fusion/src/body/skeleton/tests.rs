@@ -232,7 +232,7 @@ fn check_direction(index: usize, name: &str, joint: Joint, direction: Vector3<f6
 }
 
 #[test]
-fn every_dof_of_the_trunk_moves_the_body_the_way_its_name_says() {
+fn every_dof_of_the_trunk_moves_as_named() {
     let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
     check_direction(LUMBAR, "lumbar_extension", Joint::Neck, -x);
     check_direction(LUMBAR + 1, "lumbar_bending", Joint::Neck, -y);
@@ -243,7 +243,7 @@ fn every_dof_of_the_trunk_moves_the_body_the_way_its_name_says() {
 }
 
 #[test]
-fn every_dof_of_a_side_moves_the_body_the_way_its_name_says() {
+fn every_dof_of_a_side_moves_as_named() {
     let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
     let at = |side, part, k| first_of(side, part) + k;
     for (side, prefix, s, out) in [

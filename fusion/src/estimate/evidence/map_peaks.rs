@@ -311,7 +311,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_top_of_a_gaussian_is_found_to_a_tenth_of_a_cell(
+        fn the_top_of_a_gaussian_is_exact_to_a_tenth_cell(
             x in 3.0f64..8.0, y in 3.0f64..12.0, height in 0.5f64..1.0,
         ) {
             let peaks = found_peaks(&gaussian([x, y], height), [6.0, 8.0], 6.0);

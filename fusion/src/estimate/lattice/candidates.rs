@@ -5,7 +5,7 @@
 //! prediction agree best solves
 //!
 //! ```text
-//!     (sum_j w_j J_j' J_j / s^2 + sum_j w_j I / sigma^2) d = sum_j w_j J_j' (p_j - c_j) / s^2,    w_j = a_j h_j
+//!   (sum_j w_j J_j' J_j / s^2 + sum_j w_j I / sigma^2) d = sum_j w_j J_j' (p_j - c_j) / s^2,    w_j = a_j h_j
 //! ```
 //!
 //! with `h_j` the height of the peak and s its sigma: the maximum of F if every map is one
@@ -100,7 +100,7 @@ impl Candidates {
         for (index, witness) in witnesses.iter().enumerate() {
             let view = &at.views[witness.view];
             for peak in view.peaks(at.keypoint).as_slice() {
-                let line = Sightline::new(peak, (index, witness), view);
+                let line = Sightline::new(peak, index, witness, view);
                 if line.weight > 0.0 {
                     let own = &self.lines;
                     let place = own.iter().position(|l| line.weight > l.weight);
@@ -197,7 +197,7 @@ fn insert(modes: &mut LatticeModes, mode: LatticeMode, cell_m: f64) {
 }
 
 impl Sightline {
-    fn new(peak: &MapPeak, (index, witness): (usize, &Witness), view: &View) -> Self {
+    fn new(peak: &MapPeak, index: usize, witness: &Witness, view: &View) -> Self {
         let m = &witness.cell_from_offset;
         let depth_m = m.m34;
         let per_cell = 1.0 / view.peak_sigma_cells();

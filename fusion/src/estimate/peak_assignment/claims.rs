@@ -581,7 +581,7 @@ mod claim_tests {
         ) {
             let mut meeting = MeetingFixture::at(&[[0.3, -0.2, 0.8]]);
             meeting.begin();
-            let drawn = meeting.as_they_are(0);
+            let drawn = meeting.true_peaks(0);
             meeting.show(0, camera, &drawn);
             meeting.place();
             let member = Claimant { track: 0, view: 0, crowded: true, claims: 0..0 };
@@ -604,7 +604,7 @@ mod claim_tests {
             let mut meeting = MeetingFixture::at(&[[0.3, -0.2, 0.8], [x, y, turn]]);
             meeting.begin();
             for person in 0..2 {
-                let drawn = meeting.as_they_are(person);
+                let drawn = meeting.true_peaks(person);
                 meeting.show(person, camera, &drawn);
             }
             meeting.place();

@@ -2,9 +2,9 @@
 //! same peak, it is assigned to one of them.
 //!
 //! ```text
-//!     views of one viewpoint -> claims (possible owners of a peak of one kind of joint)
-//!                            -> peaks near the predictions -> places (one per physical peak)
-//!                            -> one assignment of claims to places -> notches in the losers' maps
+//!   views of one viewpoint -> claims (possible owners of a peak of one kind of joint)
+//!                          -> peaks near the predictions -> places (one per physical peak)
+//!                          -> one assignment of claims to places -> notches in the losers' maps
 //! ```
 //!
 //! There is one decision per viewpoint, kind of joint and group of claims that may share a peak,
@@ -12,7 +12,7 @@
 //! matter. The cost of a place for a claim is its negative log likelihood,
 //!
 //! ```text
-//!     c = d^2/(2 sigma^2) - ln h        removed from a lost peak: share (1 - exp(c_winner - c_loser))
+//!   c = d^2/(2 sigma^2) - ln h        removed from a lost peak: share (1 - exp(c_winner - c_loser))
 //! ```
 //!
 //! d is the distance of the peak's ray from the claim's prediction, sigma the expected error of

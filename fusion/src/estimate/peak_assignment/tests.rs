@@ -47,8 +47,8 @@ fn with(mut drawn: Vec<Drawn>, keypoint: usize, peaks: &[(Vector3<f64>, f64)]) -
 /// first loses that peak and the second keeps it.
 fn goes_to_its_owner(mut meeting: MeetingFixture, shown: usize, camera: usize) {
     let theirs = keypoint(&meeting, 1, shown);
-    let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
-    let clean = meeting.as_they_are(1);
+    let leaked = with(meeting.true_peaks(0), LEFT_WRIST, &[(theirs, 0.9)]);
+    let clean = meeting.true_peaks(1);
     meeting.show(0, 0, &leaked);
     meeting.show(1, camera, &clean);
     place_and_settle(&mut meeting);
@@ -61,11 +61,11 @@ fn a_leaked_peak_is_removed_and_the_own_one_stays() {
     let mut meeting = two();
     let wrists = [0, 1].map(|person| keypoint(&meeting, person, LEFT_WRIST));
     let leaked = with(
-        meeting.as_they_are(0),
+        meeting.true_peaks(0),
         LEFT_WRIST,
         &[(wrists[0], 0.5), (wrists[1], 0.9)],
     );
-    let clean = meeting.as_they_are(1);
+    let clean = meeting.true_peaks(1);
     meeting.show(0, 0, &leaked);
     meeting.show(1, 0, &clean);
     let assignments = place_and_settle(&mut meeting);
@@ -84,8 +84,8 @@ fn a_leaked_peak_is_removed_without_an_own_one() {
 fn the_order_of_persons_does_not_matter() {
     let leak = |meeting: &mut MeetingFixture, from: usize, to: usize| {
         let theirs = keypoint(meeting, from, LEFT_WRIST);
-        let leaked = with(meeting.as_they_are(to), LEFT_WRIST, &[(theirs, 0.9)]);
-        let clean = meeting.as_they_are(from);
+        let leaked = with(meeting.true_peaks(to), LEFT_WRIST, &[(theirs, 0.9)]);
+        let clean = meeting.true_peaks(from);
         meeting.show(to, 0, &leaked);
         meeting.show(from, 0, &clean);
         place_and_settle(meeting);
@@ -121,7 +121,7 @@ fn two_hands_in_one_place_share_a_peak() {
     meeting.begin();
     let at_m = keypoint(&meeting, 0, LEFT_WRIST);
     for person in 0..2 {
-        let drawn = meeting.as_they_are(person);
+        let drawn = meeting.true_peaks(person);
         meeting.show(person, 0, &drawn);
     }
     place_and_settle(&mut meeting);
@@ -137,7 +137,7 @@ fn distant_people_and_clean_maps_do_not_change() {
         meeting.begin();
         for camera in 0..4 {
             for person in 0..2 {
-                let drawn = meeting.as_they_are(person);
+                let drawn = meeting.true_peaks(person);
                 meeting.show(person, camera, &drawn);
             }
         }
@@ -150,8 +150,8 @@ fn a_disabled_assignment_changes_nothing() {
     let mut meeting = two();
     meeting.method.parameters.contact.yield_share = 0.0;
     let theirs = keypoint(&meeting, 1, LEFT_WRIST);
-    let leaked = with(meeting.as_they_are(0), LEFT_WRIST, &[(theirs, 0.9)]);
-    let clean = meeting.as_they_are(1);
+    let leaked = with(meeting.true_peaks(0), LEFT_WRIST, &[(theirs, 0.9)]);
+    let clean = meeting.true_peaks(1);
     meeting.show(0, 0, &leaked);
     meeting.show(1, 0, &clean);
     assert_eq!(place_and_settle(&mut meeting).n_lost(), 0);
@@ -169,7 +169,7 @@ proptest! {
     ) {
         let mut meeting = two();
         for person in 0..2 {
-            let mut drawn = meeting.as_they_are(person);
+            let mut drawn = meeting.true_peaks(person);
             for (shift, k) in shifts.iter().zip([5, 6, LEFT_WRIST, RIGHT_WRIST]) {
                 let at_m = keypoint(&meeting, 1 - person, k) + Vector3::from(*shift);
                 drawn.push((k, at_m, 0.8));

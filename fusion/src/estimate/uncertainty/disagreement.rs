@@ -174,7 +174,7 @@ mod split_tests {
         let mut meeting = MeetingFixture::at(&[[0.3, -0.2, 0.0]]);
         meeting.begin();
         for camera in 0..meeting.hall.cameras.len() {
-            let mut drawn = meeting.as_they_are(0);
+            let mut drawn = meeting.true_peaks(0);
             if camera < n_against {
                 drawn[LEFT_WRIST].1.z += 0.45;
                 drawn[LEFT_WRIST].2 = height;

@@ -17,7 +17,6 @@
 //! The numbers are fitted on the project's own scenes (evidence of each person withheld for 0.2 to
 //! 1 s every 2.3 s) so that two thirds of the errors per axis lie within.
 
-use super::drift;
 use crate::body::skeleton::{Joint, N_JOINTS};
 
 /// Upper limit of human speed, metres per second.
@@ -165,19 +164,19 @@ impl LastSeen {
 
     /// Growth of the variance of the body as a whole per axis, m².
     pub(super) fn body_m2(&self, coast_decay_s: f64) -> f64 {
-        drift::body_drift_m2(self.speed_m_s, self.lost_s, coast_decay_s)
-            + drift::turns_drift_m2(self.speed_m_s, self.blind_s)
+        body_drift_m2(self.speed_m_s, self.lost_s, coast_decay_s)
+            + turns_drift_m2(self.speed_m_s, self.blind_s)
     }
 
     /// [`Self::body_m2`] as an upper limit.
     pub(super) fn at_most_m2(&self, coast_decay_s: f64) -> f64 {
-        self.body_m2(coast_decay_s) + drift::at_most_m2(self.lost_s)
+        self.body_m2(coast_decay_s) + at_most_m2(self.lost_s)
     }
 
     /// Current variance of `joint` per axis, m², if that of the body has grown by `body_m2`; the
     /// pelvis moves at `speed_m_s` metres per second.
     pub(super) fn ahead_m2(&self, joint: Joint, body_m2: f64, speed_m_s: f64) -> f64 {
-        let limb_m2 = drift::limb_drift_m2(joint, speed_m_s, self.unseen_s[joint.index()]);
+        let limb_m2 = limb_drift_m2(joint, speed_m_s, self.unseen_s[joint.index()]);
         self.seen_m2[joint.index()] + body_m2 + limb_m2
     }
 }

@@ -92,7 +92,7 @@ fn name(kind: &EventKind) -> &'static str {
 }
 
 #[test]
-fn a_newborn_is_confirmed_after_enough_ticks_with_evidence() {
+fn a_newcomer_is_confirmed_after_enough_evidence() {
     let mut life = Life::sighted(0);
     assert!(life.live(MadeOf::Views, 10).is_empty());
     assert_eq!(life.published(), PersonState::Tentative);
@@ -101,7 +101,7 @@ fn a_newborn_is_confirmed_after_enough_ticks_with_evidence() {
 }
 
 #[test]
-fn a_newborn_far_away_is_not_gone_before_its_crops_can_have_come() {
+fn a_newcomer_is_kept_until_its_crops_can_arrive() {
     let mut life = Life::sighted(15);
     assert!(life.live(MadeOf::Motion, 25).is_empty());
     life.live(MadeOf::Views, 1);
@@ -112,7 +112,7 @@ fn a_newborn_far_away_is_not_gone_before_its_crops_can_have_come() {
 }
 
 #[test]
-fn a_newborn_that_is_not_seen_again_is_gone_soon() {
+fn a_newcomer_not_seen_again_is_dropped_soon() {
     let mut life = Life::sighted(0);
     assert!(life.live(MadeOf::Motion, 10).is_empty());
     assert_eq!(life.live(MadeOf::Motion, 1), ["not seen again"]);
@@ -369,7 +369,7 @@ fn rules_for_lost_people() {
 }
 
 #[test]
-fn a_track_in_the_place_of_a_confirmed_one_is_not_confirmed() {
+fn two_tracks_in_one_place_are_not_both_confirmed() {
     let other = TrackFacts::example(2, Phase::Tracked);
     assert_eq!(event_of(&ready(), std::slice::from_ref(&other)), None);
     assert_eq!(event_of(&ready(), &[other.at_x(2.0)]), CONFIRMED);

@@ -54,8 +54,8 @@ pub(crate) fn step_back(tracks: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec
     let near_m = rules.births.same_place_m;
     let is_sure = |facts: &TrackFacts| {
         // A newcomer that never stood alone may have been initiated on the body of another person.
-        let is_itself = !facts.phase.is_tentative() || facts.alone_at.is_some();
-        !facts.phase.is_suspect() && is_itself
+        let has_own_body = !facts.phase.is_tentative() || facts.alone_at.is_some();
+        !facts.phase.is_suspect() && has_own_body
     };
     let mut events = Vec::new();
     for (index, facts) in tracks.iter().enumerate() {
@@ -87,7 +87,7 @@ pub(crate) fn step_back(tracks: &[TrackFacts], tick: Tick, rules: &Rules) -> Vec
 /// Whether the person at `index` surely has a body of its own. Either it is alone, or its identity
 /// is sure and everyone else is at least twice `same_place_m` away. So people who walk side by side
 /// are still recorded.
-pub(crate) fn is_itself(tracks: &[TrackFacts], index: usize, rules: &Rules) -> bool {
+pub(crate) fn has_own_body(tracks: &[TrackFacts], index: usize, rules: &Rules) -> bool {
     let own = &tracks[index];
     let apart_m = 2.0 * rules.births.same_place_m;
     let others = tracks.iter().enumerate();
@@ -168,10 +168,10 @@ pub(crate) fn same_place(
     rules: &Rules,
 ) -> Vec<Event> {
     let limit = (rules.births.same_place_s * rules.rate_hz).ceil() as u32;
-    let who = |id: PersonId| tracks.iter().find(|facts| facts.id == id);
+    let track_of = |id: PersonId| tracks.iter().find(|facts| facts.id == id);
     let mut events: Vec<Event> = Vec::new();
     for pair in shared.pairs.iter().filter(|pair| pair.ticks > limit) {
-        let (Some(older), Some(younger)) = (who(pair.older), who(pair.younger)) else {
+        let (Some(older), Some(younger)) = (track_of(pair.older), track_of(pair.younger)) else {
             continue;
         };
         let (goes, stays) = weaker(older, younger);
@@ -214,7 +214,7 @@ mod tests {
         Rules::example(20.0)
     }
 
-    fn who(events: &[Event]) -> Vec<u32> {
+    fn ids(events: &[Event]) -> Vec<u32> {
         events.iter().map(|event| event.wire_id.0).collect()
     }
 
@@ -224,7 +224,7 @@ mod tests {
         let margin_m = rules().births.outside_field_m;
         let events = |x_m: f64| outside_the_field(&[at(x_m)], &rules());
         assert!(events(4.0 + margin_m).is_empty());
-        assert_eq!(who(&events(4.1 + margin_m)), [1]);
+        assert_eq!(ids(&events(4.1 + margin_m)), [1]);
     }
 
     #[test]
@@ -233,7 +233,7 @@ mod tests {
         let at = |id, x_m| TrackFacts::example(id, Phase::Tracked).at_x(x_m);
         let tracks = [at(1, 1.0), at(2, 1.0 + near_m), at(3, 0.99 - near_m)];
         let given_m = Vector3::new(1.0, 0.0, 1.0);
-        assert_eq!(who(&replaced_by_hand(&tracks, &given_m, &rules())), [1]);
+        assert_eq!(ids(&replaced_by_hand(&tracks, &given_m, &rules())), [1]);
     }
 
     #[test]
@@ -252,7 +252,7 @@ mod tests {
         ];
         for (other, steps_back) in cases {
             let events = step_back(&[suspect.clone(), other], Tick(9), &rules());
-            assert_eq!(who(&events), if steps_back { vec![1] } else { vec![] });
+            assert_eq!(ids(&events), if steps_back { vec![1] } else { vec![] });
             for event in events {
                 assert!(matches!(event.kind, EventKind::StepBack { ticks: 5, .. }));
             }
@@ -285,7 +285,7 @@ mod tests {
                 assert!(same_place(&tracks, &shared, &rules()).is_empty());
             }
             shared.count(&tracks, &rules());
-            assert_eq!(who(&same_place(&tracks, &shared, &rules())), [goes]);
+            assert_eq!(ids(&same_place(&tracks, &shared, &rules())), [goes]);
         }
     }
 
@@ -301,7 +301,11 @@ mod tests {
             (LOST, APART_M + 0.01, true),
         ] {
             let tracks = [own(phase), other(x_m)];
-            assert_eq!(is_itself(&tracks, 0, &rules()), expected, "{phase:?} {x_m}");
+            assert_eq!(
+                has_own_body(&tracks, 0, &rules()),
+                expected,
+                "{phase:?} {x_m}"
+            );
         }
     }
 

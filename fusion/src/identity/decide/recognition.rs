@@ -37,8 +37,8 @@ pub(crate) fn decide(newcomers: &[Newcomer], known: &[Candidate], rules: &Rules)
         .iter()
         .map(|newcomer| {
             let pair = |known: &Candidate| {
-                let seen = (&newcomer.appearance, newcomer.since);
-                let likeness = known.likeness(seen, &model, rules.rate_hz)?;
+                let (seen, since) = (&newcomer.appearance, newcomer.since);
+                let likeness = known.likeness(seen, since, &model, rules.rate_hz)?;
                 Some(likeness + if known.is_expected { EXPECTED } else { 0.0 })
             };
             known.iter().map(pair).collect()
@@ -178,7 +178,7 @@ mod tests {
             newcomer.appearance.whereabouts = at(x_m);
             newcomer
         };
-        let who = |shown: [Option<f64>; 2]| -> Vec<(u32, u32)> {
+        let ids = |shown: [Option<f64>; 2]| -> Vec<(u32, u32)> {
             let known = [known(3, -1.5, shown[0]), known(4, 1.5, shown[1])];
             let newcomers = [newcomer(8, -1.4), newcomer(9, 1.4)];
             let events = decide(&newcomers, &known, &rules).into_iter();
@@ -188,9 +188,9 @@ mod tests {
             };
             events.map(old).collect()
         };
-        assert_eq!(who([Some(1.3), Some(-1.3)]), [(8, 4), (9, 3)]);
+        assert_eq!(ids([Some(1.3), Some(-1.3)]), [(8, 4), (9, 3)]);
         // The places where edges showed them contradict each other: neither gets an id.
-        assert!(who([Some(1.3), None]).is_empty());
+        assert!(ids([Some(1.3), None]).is_empty());
     }
 
     #[test]

@@ -87,7 +87,7 @@ pub(crate) fn revive(
                 });
                 let sighted = sighted.as_ref()?;
                 let likeness = |at: &Appearance| model.likeness(sighted, at, absence_s(known));
-                let last = known.likeness((sighted, tick), &model, rules.rate_hz);
+                let last = known.likeness(sighted, tick, &model, rules.rate_hz);
                 [last, led.as_ref().and_then(likeness)]
                     .into_iter()
                     .flatten()
@@ -125,9 +125,9 @@ mod tests {
         Vector3::new(x_m, 0.0, 1.0)
     }
 
-    fn who(taken: &[Taken]) -> Vec<(usize, u32)> {
-        let who = taken.iter();
-        who.map(|(which, event)| (*which, event.wire_id.0))
+    fn ids(taken: &[Taken]) -> Vec<(usize, u32)> {
+        let ids = taken.iter();
+        ids.map(|(which, event)| (*which, event.wire_id.0))
             .collect()
     }
 
@@ -138,11 +138,11 @@ mod tests {
         let tracks = [waiting(1, 0.0), waiting(2, 0.25)];
         let sighted = [Some(at(0.2)), None, Some(at(0.1)), Some(at(3.0))];
         let taken = reinitiate(&sighted, &tracks, 9, &rules);
-        assert_eq!(who(&taken), [(0, 2), (2, 1)]);
+        assert_eq!(ids(&taken), [(0, 2), (2, 1)]);
         let mut late = waiting(1, 0.0);
         late.coverage.since_two = 20;
         let taken = reinitiate(&[Some(at(3.0))], &[late], 9, &rules);
-        assert_eq!(who(&taken), [(0, 1)], "it has had a second to get there");
+        assert_eq!(ids(&taken), [(0, 1)], "it has had a second to get there");
     }
 
     #[test]
@@ -180,7 +180,7 @@ mod tests {
         };
         let revived = |x_m| {
             let sighted = [None, Some(appearance(x_m))];
-            who(&revive(
+            ids(&revive(
                 &sighted,
                 std::slice::from_ref(&lost),
                 Tick(4),

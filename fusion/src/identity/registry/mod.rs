@@ -233,7 +233,7 @@ impl Registry {
         self.shared_places.count(&self.facts, &self.rules);
         let weaker = places::same_place(&self.facts, &self.shared_places, &self.rules);
         self.apply(&weaker, tick, method);
-        self.note_who_is_seen(tick);
+        self.record_last_seen(tick);
         let Rules {
             births, rate_hz, ..
         } = &self.rules;
@@ -356,13 +356,13 @@ impl Registry {
     }
 
     /// Records the places of people who are surely themselves.
-    fn note_who_is_seen(&mut self, tick: Tick) {
+    fn record_last_seen(&mut self, tick: Tick) {
         self.take_facts();
         for (index, track) in self.tracks.iter_mut().enumerate() {
-            let is_itself = places::is_itself(&self.facts, index, &self.rules);
+            let has_own_body = places::has_own_body(&self.facts, index, &self.rules);
             let identity = &track.identity;
             let is_new = identity.last_seen.is_none() && !identity.phase.is_tentative();
-            if identity.coverage.is_seen() && (is_itself || is_new) {
+            if identity.coverage.is_seen() && (has_own_body || is_new) {
                 track.is_seen_at(tick);
             }
         }

@@ -50,7 +50,8 @@ impl Registry {
                 keypoints_m: track.estimator.keypoints_m(),
             };
             let votes = &mut track.identity.tentative.votes;
-            votes.count(self.finder.verdicts(&pass, &body));
+            let (seen, missed) = self.finder.verdicts(&pass, &body);
+            votes.count(seen, missed);
         }
         for person in self.revive(found, tick, method) {
             self.initiate(&person, tick, method);

@@ -184,14 +184,14 @@ impl HallFixture {
     }
 
     /// Several ticks with the same bodies; returns the poses of confirmed people.
-    fn go_on(&mut self, bodies: &[TruePoints], seconds: f64) -> Vec<(Tick, PersonPose)> {
+    fn run_for(&mut self, bodies: &[TruePoints], seconds: f64) -> Vec<(Tick, PersonPose)> {
         (0..(seconds * RATE_HZ) as usize)
             .flat_map(|_| self.step(bodies).confirmed)
             .collect()
     }
 
     /// The id of the person published within 0.3 m of (`x`, `y`).
-    fn who_at(&self, x: f64, y: f64) -> Option<u32> {
+    fn id_at(&self, x: f64, y: f64) -> Option<u32> {
         let near = |pose: &&PersonPose| {
             let pelvis = pose.joints_m[0].map(f64::from);
             (pelvis[0] - x).hypot(pelvis[1] - y) < 0.3
@@ -213,13 +213,13 @@ fn person(x: f64, y: f64, stature_m: f64) -> TruePoints {
 #[test]
 fn a_returning_person_gets_its_id_back() {
     let mut stage = HallFixture::new();
-    stage.go_on(&[person(-3.0, 0.0, 1.7), person(2.0, 1.0, 1.8)], 4.0);
-    let id = stage.who_at(-3.0, 0.0).unwrap();
-    stage.go_on(&[person(2.0, 1.0, 1.8)], 6.0);
+    stage.run_for(&[person(-3.0, 0.0, 1.7), person(2.0, 1.0, 1.8)], 4.0);
+    let id = stage.id_at(-3.0, 0.0).unwrap();
+    stage.run_for(&[person(2.0, 1.0, 1.8)], 6.0);
     assert_eq!(stage.registry.published().len(), 1, "it is dropped");
     let back = [person(-2.8, 0.4, 1.7), person(2.0, 1.0, 1.8)];
-    let replayed = stage.go_on(&back, 2.0);
-    assert_eq!(stage.who_at(-2.8, 0.4), Some(id));
+    let replayed = stage.run_for(&back, 2.0);
+    assert_eq!(stage.id_at(-2.8, 0.4), Some(id));
     assert_eq!(stage.ids.len(), 2);
     assert!(replayed.len() >= 10, "its tentative ticks are handed out");
     let named = |(_, pose): &(Tick, PersonPose)| pose.person.0 == id;
@@ -236,9 +236,9 @@ fn a_returning_person_gets_its_id_back() {
 #[test]
 fn a_stranger_of_another_size_gets_a_new_id() {
     let mut stage = HallFixture::new();
-    stage.go_on(&[person(-3.0, 0.0, 1.6)], 4.0);
-    stage.go_on(&[], 4.0);
-    stage.go_on(&[person(-3.0, 0.3, 1.9)], 2.0);
+    stage.run_for(&[person(-3.0, 0.0, 1.6)], 4.0);
+    stage.run_for(&[], 4.0);
+    stage.run_for(&[person(-3.0, 0.3, 1.9)], 2.0);
     assert_eq!(stage.ids.len(), 2);
 }
 
@@ -246,9 +246,9 @@ fn a_stranger_of_another_size_gets_a_new_id() {
 fn a_person_is_forgotten_after_the_return_time() {
     let mut stage = HallFixture::new();
     stage.registry.rules.births.return_s = 3.0;
-    stage.go_on(&[person(-3.0, 0.0, 1.7)], 4.0);
-    stage.go_on(&[], 5.0);
-    stage.go_on(&[person(-3.0, 0.0, 1.7)], 2.0);
+    stage.run_for(&[person(-3.0, 0.0, 1.7)], 4.0);
+    stage.run_for(&[], 5.0);
+    stage.run_for(&[person(-3.0, 0.0, 1.7)], 2.0);
     assert_eq!(stage.ids.len(), 2);
 }
 
@@ -256,16 +256,16 @@ fn a_person_is_forgotten_after_the_return_time() {
 fn two_returning_people_are_not_swapped() {
     for swapped in [false, true] {
         let mut stage = HallFixture::new();
-        stage.go_on(&[person(-3.0, -1.0, 1.66), person(-3.0, 1.5, 1.87)], 5.0);
-        let (small, tall) = (stage.who_at(-3.0, -1.0), stage.who_at(-3.0, 1.5));
-        stage.go_on(&[], 8.0);
+        stage.run_for(&[person(-3.0, -1.0, 1.66), person(-3.0, 1.5, 1.87)], 5.0);
+        let (small, tall) = (stage.id_at(-3.0, -1.0), stage.id_at(-3.0, 1.5));
+        stage.run_for(&[], 8.0);
         let (y_small, y_tall) = if swapped { (1.0, -1.0) } else { (-1.0, 1.0) };
-        stage.go_on(
+        stage.run_for(
             &[person(-3.0, y_small, 1.66), person(-3.0, y_tall, 1.87)],
             2.0,
         );
-        assert_eq!(stage.who_at(-3.0, y_small), small);
-        assert_eq!(stage.who_at(-3.0, y_tall), tall);
+        assert_eq!(stage.id_at(-3.0, y_small), small);
+        assert_eq!(stage.id_at(-3.0, y_tall), tall);
         assert_eq!(stage.ids.len(), 2);
     }
 }
@@ -273,30 +273,30 @@ fn two_returning_people_are_not_swapped() {
 #[test]
 fn a_lost_person_is_revived_where_it_is_sighted() {
     let mut stage = HallFixture::new();
-    stage.go_on(&[person(0.0, 0.0, 1.75)], 3.0);
-    let id = stage.who_at(0.0, 0.0).unwrap();
+    stage.run_for(&[person(0.0, 0.0, 1.75)], 3.0);
+    let id = stage.id_at(0.0, 0.0).unwrap();
     for i in 1..=16 {
         // It runs on at 2 m/s while no camera sees it.
         stage.step_seen_by(&[person(0.1 * f64::from(i), 0.0, 1.75)], &[]);
     }
     assert_eq!(stage.registry.published()[0].state, PersonState::Coasting);
-    stage.go_on(&[person(1.7, 0.0, 1.75)], 0.3);
-    assert_eq!(stage.who_at(1.7, 0.0), Some(id));
+    stage.run_for(&[person(1.7, 0.0, 1.75)], 0.3);
+    assert_eq!(stage.id_at(1.7, 0.0), Some(id));
     assert_eq!((stage.ids.len(), stage.registry.tracks().len()), (1, 1));
 }
 
 #[test]
 fn silent_viewpoints_do_not_drop_a_person_but_absence_does() {
     let mut stage = HallFixture::new();
-    stage.go_on(&[person(0.0, 0.0, 1.75)], 3.0);
-    let id = stage.who_at(0.0, 0.0);
+    stage.run_for(&[person(0.0, 0.0, 1.75)], 3.0);
+    let id = stage.id_at(0.0, 0.0);
     for _ in 0..36 {
         stage.step_seen_by(&[], &[]);
     }
     assert_eq!(stage.registry.tracks().len(), 1, "none could have shown it");
-    stage.go_on(&[person(0.4, 0.0, 1.75)], 0.3);
-    assert_eq!(stage.who_at(0.4, 0.0), id);
-    stage.go_on(&[], 1.5);
+    stage.run_for(&[person(0.4, 0.0, 1.75)], 0.3);
+    assert_eq!(stage.id_at(0.4, 0.0), id);
+    stage.run_for(&[], 1.5);
     assert!(
         stage.registry.tracks().is_empty(),
         "all could have shown it"
@@ -306,12 +306,12 @@ fn silent_viewpoints_do_not_drop_a_person_but_absence_does() {
 #[test]
 fn a_stranger_next_to_a_lost_person_gets_a_new_id() {
     let mut stage = HallFixture::new();
-    stage.go_on(&[person(0.0, 0.0, 1.9)], 3.0);
-    let id = stage.who_at(0.0, 0.0);
-    stage.go_on(&[], 0.5);
-    stage.go_on(&[person(1.0, 1.0, 1.6)], 1.0);
-    assert_ne!(stage.who_at(1.0, 1.0), id);
-    assert!(stage.who_at(1.0, 1.0).is_some());
+    stage.run_for(&[person(0.0, 0.0, 1.9)], 3.0);
+    let id = stage.id_at(0.0, 0.0);
+    stage.run_for(&[], 0.5);
+    stage.run_for(&[person(1.0, 1.0, 1.6)], 1.0);
+    assert_ne!(stage.id_at(1.0, 1.0), id);
+    assert!(stage.id_at(1.0, 1.0).is_some());
 }
 
 #[test]
@@ -332,8 +332,8 @@ fn a_poster_gets_no_track_and_a_still_person_does() {
         .collect();
     let still = person(-1.0, 0.0, 1.7);
     for seconds in [2.0, 4.0, 6.0] {
-        stage.go_on(&[printed.clone(), still.clone()], seconds);
-        assert!(stage.who_at(-1.0, 0.0).is_some());
+        stage.run_for(&[printed.clone(), still.clone()], seconds);
+        assert!(stage.id_at(-1.0, 0.0).is_some());
         assert_eq!(stage.ids.len(), 1);
     }
     assert_eq!(
@@ -342,8 +342,8 @@ fn a_poster_gets_no_track_and_a_still_person_does() {
         "it is not followed either"
     );
     // A person who steps away from the picture gets a track.
-    stage.go_on(&[person(2.5, 1.0, 1.8), printed, still], 2.0);
-    assert!(stage.who_at(2.5, 1.0).is_some());
+    stage.run_for(&[person(2.5, 1.0, 1.8), printed, still], 2.0);
+    assert!(stage.id_at(2.5, 1.0).is_some());
 }
 
 #[test]
@@ -412,16 +412,16 @@ fn two_subjects_of_different_size_get_and_keep_their_names() {
     let mut stage = HallFixture::knowing(&[1.55, 1.95]);
     let bodies = [person(-2.0, 0.0, 1.95), person(2.0, 1.0, 1.55)];
     let namings = stage.namings(&bodies, MEASURED_S);
-    let (tall, short) = (stage.who_at(-2.0, 0.0), stage.who_at(2.0, 1.0));
+    let (tall, short) = (stage.id_at(-2.0, 0.0), stage.id_at(2.0, 1.0));
     let mut expected = [(tall.unwrap(), "1.95"), (short.unwrap(), "1.55")];
     let mut found = named(&namings);
     expected.sort_unstable();
     found.sort_unstable();
     assert_eq!(found, expected);
     // A person who comes back keeps its name: there is no second naming.
-    stage.go_on(&bodies[1..], 6.0);
+    stage.run_for(&bodies[1..], 6.0);
     assert!(named(&stage.namings(&bodies, MEASURED_S)).is_empty());
-    assert_eq!(stage.who_at(-2.0, 0.0), tall);
+    assert_eq!(stage.id_at(-2.0, 0.0), tall);
 }
 
 #[test]
@@ -448,7 +448,7 @@ fn a_team_is_measured_in_parts_unless_there_are_subjects() {
     for (subjects_m, expected) in [(&[][..], &[8, 2][..]), (&[1.3], &[10])] {
         let mut stage = HallFixture::knowing(subjects_m);
         // They are confirmed within a second, and measured 2 and 4 s later.
-        stage.go_on(&team, 1.5);
+        stage.run_for(&team, 1.5);
         let lengths = |stage: &HallFixture| -> Vec<Proportions> {
             let bodies = stage.registry.tracks().iter().map(|it| &it.estimator.body);
             bodies.map(|body| *body.skeleton.proportions()).collect()

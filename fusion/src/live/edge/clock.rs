@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corrected_system_is_right_although_the_edge_keeps_its_old_time() {
+    fn a_corrected_system_is_right_despite_the_edges_old_time() {
         let mut clock = EdgeClock::default();
         let exchanges = |clock: &mut EdgeClock, from: i64| {
             (from..from + 60)

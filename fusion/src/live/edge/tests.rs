@@ -180,7 +180,7 @@ fn the_delays_of_patches_and_boxes_are_measured() {
 }
 
 #[test]
-fn a_silent_edge_is_not_awaited_and_a_new_one_is_unknown() {
+fn a_silent_edge_is_not_awaited_and_a_new_one_unknown() {
     let mut edge = Edge::new("north", BOUND_MS);
     run(&mut edge, 0..60, 0, 1_000);
     let last_us = time().at(Tick(59)) + 6_000;

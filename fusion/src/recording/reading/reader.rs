@@ -260,7 +260,7 @@ impl Index {
             Content::Expected => {
                 let expected = serde_json::from_slice(data);
                 let expected = expected.ok().and_then(ExpectedPeople::checked);
-                let unreadable = wire::WireError::Invalid("people who cannot be");
+                let unreadable = wire::WireError::Invalid("implausible people");
                 expected
                     .map(|people| self.expected.push(people))
                     .ok_or(unreadable)

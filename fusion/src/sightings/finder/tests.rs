@@ -69,7 +69,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
-    fn one_person_is_found_wherever_it_stands(
+    fn one_person_is_found_anywhere_in_the_field(
         seed in any::<u64>(), x in -2.5f64..2.5, y in -1.8f64..1.8, noise_px in NOISE_PX,
     ) {
         let mut noise = Noise(seed);
@@ -117,7 +117,7 @@ proptest! {
 }
 
 #[test]
-fn with_5_px_of_noise_at_most_one_pass_in_200_misses_a_person() {
+fn with_5_px_of_noise_few_passes_miss_a_person() {
     const PASSES: u64 = 2000;
     let hall = hall();
     let missed = (0..PASSES).filter(|&seed| {

@@ -17,9 +17,9 @@ fn unsure_m(pose: &PersonPose) -> f32 {
 fn just_found() -> HallFixture {
     let mut stage = HallFixture::new();
     let body = person(0.0, 0.0, STATURE_M);
-    stage.go_on(std::slice::from_ref(&body), 3.0);
-    stage.go_on(&[], 0.15);
-    stage.go_on(&[body], 0.2);
+    stage.run_for(std::slice::from_ref(&body), 3.0);
+    stage.run_for(&[], 0.15);
+    stage.run_for(&[body], 0.2);
     let phase = stage.registry.tracks()[0].identity.phase;
     assert!(phase.is_suspect() && !phase.is_lost());
     stage
@@ -55,7 +55,7 @@ fn a_found_person_gives_way_to_a_sure_one() {
 #[test]
 fn stepping_back_discards_evidence_and_raises_sigmas() {
     let mut stage = HallFixture::new();
-    stage.go_on(
+    stage.run_for(
         &[
             person(0.0, 0.0, STATURE_M),
             person(1.5, 0.0, 1.1 * STATURE_M),
@@ -67,7 +67,7 @@ fn stepping_back_discards_evidence_and_raises_sigmas() {
         person(0.0, 0.0, STATURE_M),
         person(0.5, 0.0, 1.1 * STATURE_M),
     ];
-    stage.go_on(&near, 0.5);
+    stage.run_for(&near, 0.5);
     let (tick, method) = (stage.tick, stage.method.clone());
     let alone_at = stage.registry.tracks()[0].identity.alone.unwrap().tick;
     let ticks = u32::try_from(tick - alone_at).unwrap();
@@ -92,7 +92,7 @@ fn stepping_back_discards_evidence_and_raises_sigmas() {
 #[test]
 fn a_revived_person_has_sigmas_at_every_tick() {
     let mut stage = HallFixture::new();
-    stage.go_on(&[person(0.0, 0.0, STATURE_M)], 3.0);
+    stage.run_for(&[person(0.0, 0.0, STATURE_M)], 3.0);
     let mut carried_m = 0.0;
     for i in 1..=16 {
         stage.step_seen_by(&[person(0.1 * f64::from(i), 0.0, STATURE_M)], &[]);
@@ -169,7 +169,7 @@ fn a_sighting_without_pose_revives_no_track() {
 fn earlier_ticks_are_solved_without_the_current_push() {
     let settled = |push_m: f64| {
         let mut stage = HallFixture::new();
-        stage.go_on(&[person(0.0, 0.0, STATURE_M)], 0.4);
+        stage.run_for(&[person(0.0, 0.0, STATURE_M)], 0.4);
         let method = stage.method.clone();
         let track = &mut stage.registry.tracks_mut()[0];
         assert!(track.is_tentative());
@@ -187,8 +187,8 @@ fn earlier_ticks_are_solved_without_the_current_push() {
 fn a_person_seen_at_all_shared_ticks_is_never_lost() {
     let mut stage = HallFixture::new();
     let body = person(0.0, 0.0, STATURE_M);
-    stage.go_on(std::slice::from_ref(&body), 1.0);
-    let id = stage.who_at(0.0, 0.0);
+    stage.run_for(std::slice::from_ref(&body), 1.0);
+    let id = stage.id_at(0.0, 0.0);
     assert!(id.is_some());
     for _ in 0..20 {
         // 4 of 20 Hz.
@@ -198,5 +198,5 @@ fn a_person_seen_at_all_shared_ticks_is_never_lost() {
         stage.step(std::slice::from_ref(&body));
         assert_eq!(stage.registry.tracks()[0].identity.phase, Phase::Tracked);
     }
-    assert_eq!(stage.who_at(0.0, 0.0), id);
+    assert_eq!(stage.id_at(0.0, 0.0), id);
 }
