@@ -122,7 +122,6 @@ pub(crate) fn profile(body: &Proportions, sigma_m: f64) -> SubjectProfile {
     }
 }
 
-/// The text of a profile.
 pub(crate) fn profile_text(profile: &SubjectProfile) -> String {
     let mut text = format!(
         "name = {:?}\nstature_m = {:?}\n",

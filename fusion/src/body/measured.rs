@@ -137,7 +137,6 @@ impl Remeasure {
         }
     }
 
-    /// Adds a tick.
     pub(crate) fn tick(
         &mut self,
         observe: impl FnOnce() -> ObservedJoints,

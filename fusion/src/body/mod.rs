@@ -1,8 +1,8 @@
 //! A person's body: the skeletal model, pose fitting to points in space, and measurement of a body.
 //!
 //! ```text
-//!   points in space -> observed -> proportions (segment), initial_pose (limbs) -> fit: skeleton and first pose
-//!   a life's first seconds -> measured: link lengths; sites: places of the network's keypoints
+//!   points in space -> observed -> proportions (segment), limbs -> fit: skeleton and first pose
+//!   the first seconds of a track -> measured: link lengths; sites: places of the network's keypoints
 //!   a set of keypoints -> determined: what it can determine of a body; a pose -> stature
 //! ```
 //!

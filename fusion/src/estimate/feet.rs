@@ -52,7 +52,6 @@ const JOINTS: [[Joint; 4]; 2] = [
 /// Ankle, heel and toe of one foot, or displacements of them, world, metres.
 type FootPoints = [Vector3<f64>; 3];
 
-/// One foot.
 #[derive(Debug, Clone, Copy, Default)]
 struct Foot {
     stands: bool,

@@ -79,7 +79,6 @@ impl Kind {
 pub(super) struct Whole {
     /// Its final name.
     pub(super) path: PathBuf,
-    /// Its bytes.
     pub(super) bytes: u64,
 }
 

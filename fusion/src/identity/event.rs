@@ -3,7 +3,6 @@
 use farfield_proto::id::PersonId;
 use farfield_proto::message::identity_event::{Change, DropReason, IdentityEvent, Likeness};
 
-/// One event.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Event {
     /// The person's id on the edges.

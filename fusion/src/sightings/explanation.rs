@@ -21,7 +21,6 @@ pub struct KnownBody {
 /// Known bodies, and which of the witnesses of a pass each explains.
 #[derive(Debug, Clone)]
 pub(crate) struct Explanation {
-    /// The bodies.
     pub(crate) bodies: Vec<KnownBody>,
     /// Per witness, the index of the body that explains it.
     pub(crate) by: Vec<Option<usize>>,
@@ -84,7 +83,6 @@ struct BodyBall {
 /// A ball as a camera sees it; `None` if the camera is inside.
 type SeenBall = Option<BallOutline>;
 
-/// The outline of a ball.
 #[derive(Clone, Copy)]
 struct BallOutline {
     /// Unit direction to the ball's centre, world.

@@ -20,7 +20,6 @@ use crate::body::skeleton::{Joint, Kinematics, N_DOF, chain_of};
 /// A seen point of a body.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SeenPoint<const N: usize> {
-    /// Its joint.
     pub(crate) joint: Joint,
     /// Its place on the body, world, metres.
     pub(crate) place_m: Vector3<f64>,

@@ -190,7 +190,6 @@ impl Rodrigues {
         }
     }
 
-    /// The rotation.
     fn rotation(&self) -> Matrix3<f64> {
         Matrix3::identity() + self.cross * self.a + self.squared * self.b
     }

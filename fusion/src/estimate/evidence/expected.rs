@@ -14,7 +14,6 @@ pub(crate) struct ExpectedKeypoint {
     pub(crate) position_m: Vector3<f64>,
     /// The homogeneous cell of its map; the third number is the depth in metres.
     pub(crate) homogeneous_cell: Vector3<f64>,
-    /// Its cell.
     pub(crate) cell: Vector2<f64>,
     /// Metres per cell there, mean of both axes.
     pub(crate) cell_m: f64,

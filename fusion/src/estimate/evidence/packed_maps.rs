@@ -43,7 +43,6 @@ impl MapWindow {
     }
 }
 
-/// One map.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PackedMap<'a> {
     /// With both rows of zeros.

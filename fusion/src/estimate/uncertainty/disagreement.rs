@@ -36,7 +36,7 @@ const FITS: f64 = 2.0;
 /// Occlusion weight from which a keypoint counts: the peak of a hidden one may belong to another
 /// person.
 pub(super) const IN_SIGHT: f64 = 0.99;
-/// Least height of a peak that counts.
+/// Least height of a peak that counts, 0 to 1: lower ones are in every map.
 const LEAST_HEIGHT: f64 = 0.3;
 /// Least keypoints of a view that count.
 const MIN_KEYPOINTS: usize = 6;

@@ -45,7 +45,6 @@ pub(super) const FEET: [[Joint; 3]; 2] = [
     [Joint::RightAnkle, Joint::RightHeel, Joint::RightToe],
 ];
 
-/// The observation of a body.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct BodyObservation<'a> {
     /// The keypoints.

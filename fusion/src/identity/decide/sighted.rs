@@ -55,7 +55,6 @@ pub(crate) fn reinitiate(
     taken
 }
 
-/// A lost person.
 #[derive(Debug, Clone)]
 pub(crate) struct LostPerson {
     pub(crate) wire_id: PersonId,

@@ -65,7 +65,6 @@ pub struct Registry {
     memory: Memory,
     shown: ShownPeople,
     subjects: Subjects,
-    /// Per camera: its viewpoint.
     viewpoint_of_camera: Vec<ViewpointIndex>,
     /// Which viewpoints send messages.
     reception: Reception,

@@ -210,7 +210,6 @@ struct Index {
     lost: u64,
 }
 
-/// Status of a recorder.
 #[derive(Deserialize)]
 struct RecorderStatus {
     lost: u64,
