@@ -1,4 +1,4 @@
-//! The embedded text files by name: what is listed here is what the program carries.
+//! The list of embedded text files, by name.
 
 /// The motion clips, BVH text by name.
 pub const CLIPS: &[(&str, &str)] = &[
@@ -17,7 +17,7 @@ pub const CLIPS: &[(&str, &str)] = &[
     ("cartwheel", include_str!("../clips/cartwheel.bvh")),
 ];
 
-/// The scenes, TOML text by name; the first line of each says what it probes.
+/// The scenes, TOML text by name; the first line of each states its purpose.
 pub const SCENES: &[(&str, &str)] = &[
     ("court", include_str!("../scenes/court.toml")),
     ("one", include_str!("../scenes/one.toml")),

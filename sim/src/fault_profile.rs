@@ -1,11 +1,11 @@
-//! Which faults the maps of a scene have, and how strong each is: the table `[faults]` of a scene.
+//! The faults of a scene's maps and their strength: the table `[faults]` of a scene file.
 //!
 //! ```toml
 //! [faults]
-//! profile = "standard"          # or "none", the same as leaving it out
-//! hidden = false                # a fault beside the profile replaces the profile's: switched off,
-//! bias = { share_of_sigma = 0.6 }   # or with other numbers; those left out are the standard's
-//! free_running = true           # cameras of their own clock, in no profile
+//! profile = "standard"          # or "none", the default
+//! hidden = false                # overrides the profile: disables one fault,
+//! bias = { share_of_sigma = 0.6 }   # or sets its numbers; omitted numbers are the standard's
+//! free_running = true           # cameras with their own clock, in no profile
 //! ```
 
 use std::fmt;
@@ -15,38 +15,38 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{Error as _, MapAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// The faults of the maps of a scene; `None` where one is switched off.
+/// The faults of a scene's maps; `None` where one is disabled.
 ///
-/// Lengths in the image plane are metres at the person's depth; `sigma_k s` is the OKS scale of a
+/// Lengths in the image plane are metres at the person's depth. `sigma_k s` is the OKS scale of a
 /// keypoint, with s = 0.71 m x stature / 1.75 m.
 #[derive(Debug, Clone, PartialEq, Serialize, Default)]
 pub struct FaultProfile {
     /// A slow error of each keypoint in each view.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bias: Option<Bias>,
-    /// An error that is new at every tick.
+    /// A new error at every tick.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub jitter: Option<Jitter>,
-    /// Left and right taken for each other, in part.
+    /// Partial confusion of left and right.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mirror: Option<MirrorFault>,
-    /// The keypoint of whoever stands before the person.
+    /// The keypoint of the person in front appears in the map.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leak: Option<Leak>,
-    /// Keypoints behind a body are guessed.
+    /// Keypoints behind a body have larger errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hidden: Option<Hidden>,
-    /// Keypoints that are not found, for no reason to be seen.
+    /// Keypoints without a peak, independent of the scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub missing: Option<Missing>,
-    /// The network's idea of where a joint is.
+    /// The network's own definition of a joint's position.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub definition: Option<Definition>,
-    /// What a map holds where nothing is.
+    /// Noise in cells without a peak.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseFault>,
-    /// Whether every camera captures at an offset of its own from the tick: constant, uniform
-    /// within half a frame either way.
+    /// Whether every camera captures at its own constant offset from the tick, uniform within half
+    /// a frame either way.
     pub free_running: bool,
 }
 
@@ -68,7 +68,7 @@ pub struct Jitter {
     pub share_of_sigma: f64,
 }
 
-/// Elbows, wrists, knees and ankles: a second peak at the opposite limb's keypoint.
+/// Elbows, wrists, knees and ankles: a second peak at the keypoint of the opposite limb.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MirrorFault {
@@ -76,31 +76,31 @@ pub struct MirrorFault {
     pub share: f64,
     /// Mean length of a burst, seconds.
     pub burst_s: f64,
-    /// Height of the second peak, in heights of the true one: least and most, uniform per burst.
+    /// Height of the second peak relative to the true one: minimum and maximum, uniform per burst.
     pub height: [f64; 2],
 }
 
-/// While another person's body covers the keypoint.
+/// The effect while another person's body covers the keypoint.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Leak {
     /// Height of the person's own peak.
     pub own_height: f64,
-    /// Share of the bursts in which the other's keypoint shows, 0 to 1.
+    /// Share of the bursts in which the other person's keypoint shows, 0 to 1.
     pub probability: f64,
     /// Mean length of a burst, seconds.
     pub burst_s: f64,
-    /// Height of the other's peak.
+    /// Height of the other person's peak.
     pub height: f64,
 }
 
-/// While any body covers the keypoint, the own one too.
+/// The effect while any body covers the keypoint, including the person's own.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Hidden {
-    /// By what the bias is multiplied.
+    /// Factor on the bias.
     pub bias_factor: f64,
-    /// Height of the peak: least and most, uniform per burst.
+    /// Height of the peak: minimum and maximum, uniform per burst.
     pub height: [f64; 2],
     /// Share of the bursts without any peak, 0 to 1.
     pub no_peak: f64,
@@ -108,7 +108,7 @@ pub struct Hidden {
     pub burst_s: f64,
 }
 
-/// No peak.
+/// Intervals without a peak.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Missing {
@@ -118,8 +118,8 @@ pub struct Missing {
     pub burst_s: f64,
 }
 
-/// Hips and knees: a constant offset, fixed to the body and the same in all views. It is part of
-/// the truth's keypoint sites, not of its joints.
+/// Hips and knees: a constant offset, fixed to the body and the same in all views. It changes the
+/// keypoint sites of the truth, not its joints.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Definition {
@@ -131,12 +131,12 @@ pub struct Definition {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NoiseFault {
-    /// Its highest value, 0 to 1; the lowest is 0.
+    /// Highest value, 0 to 1; the lowest is 0.
     pub floor: f64,
 }
 
 impl FaultProfile {
-    /// What real networks do, as far as we know: the profile that figures are made with.
+    /// An estimate of the faults of real networks; published figures use this profile.
     pub fn standard() -> Self {
         Self {
             bias: Some(Bias::default()),
@@ -234,7 +234,6 @@ enum ProfileName {
     Standard,
 }
 
-/// The table as it is written.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Raw {
@@ -271,12 +270,12 @@ impl<'de> Deserialize<'de> for FaultProfile {
     }
 }
 
-/// A fault's own setting, or the profile's where it has none.
+/// The setting of a fault, or the profile's.
 fn or<T>(written: Option<FaultSetting<T>>, profile: Option<T>) -> Option<T> {
     written.map_or(profile, |setting| setting.0)
 }
 
-/// One fault as it is written: `false`, `true` (the standard's numbers) or a table of numbers.
+/// One fault in the file: `false`, `true` (the standard's numbers) or a table of numbers.
 struct FaultSetting<T>(Option<T>);
 
 impl<'de, T: FaultNumbers + Deserialize<'de>> Deserialize<'de> for FaultSetting<T> {
@@ -313,14 +312,14 @@ impl<'de, T: FaultNumbers + Deserialize<'de>> Visitor<'de> for FaultSettingVisit
     }
 }
 
-/// Longest time of a fault, seconds: one that never changes in any scene.
+/// Longest time of a fault, seconds: in any scene it never changes.
 const LONGEST_S: f64 = 1e6;
-/// Largest error, in multiples of what it is measured in.
+/// Largest error, in multiples of its unit.
 const LARGEST: f64 = 100.0;
 
-/// What is checked of every fault's numbers.
+/// The numbers of a fault, for the range check.
 trait FaultNumbers: Default {
-    /// Every number with its field and its largest value; the least is 0 for all.
+    /// Every number with its field and its maximum; the minimum is 0.
     fn numbers(&self) -> Vec<(&'static str, f64, f64)>;
 }
 

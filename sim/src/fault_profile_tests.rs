@@ -1,4 +1,4 @@
-//! Profiles of faults are read as they are written, and refused by name.
+//! Fault profiles are parsed, and errors name the field.
 
 use std::path::Path;
 
@@ -30,7 +30,7 @@ fn a_profile_is_read_by_its_name() {
 }
 
 #[test]
-fn a_fault_beside_the_profile_replaces_the_profiles_own() {
+fn a_single_fault_overrides_the_profile() {
     let text = "[faults]\nprofile = \"standard\"\nhidden = false\nbias = { share_of_sigma = 0.6 }\nfree_running = true\n";
     let expected = FaultProfile {
         hidden: None,
@@ -45,7 +45,7 @@ fn a_fault_beside_the_profile_replaces_the_profiles_own() {
 }
 
 #[test]
-fn without_a_profile_only_the_named_faults_are_there() {
+fn without_a_profile_only_named_faults_are_active() {
     let text = "[faults]\njitter = true\n[faults.missing]\nshare = 0.5\nburst_s = 1\n";
     let expected = FaultProfile {
         jitter: Some(Jitter::default()),
@@ -59,7 +59,7 @@ fn without_a_profile_only_the_named_faults_are_there() {
 }
 
 #[test]
-fn what_is_written_is_read_back() {
+fn a_written_profile_is_read_back() {
     let changed = FaultProfile {
         mirror: None,
         free_running: true,
@@ -72,7 +72,7 @@ fn what_is_written_is_read_back() {
 }
 
 #[test]
-fn unknown_names_are_answered_with_the_nearest() {
+fn an_unknown_name_is_refused_with_the_nearest_name() {
     assert_eq!(
         refusal("[faults]\nhiden = false\n"),
         "scene.toml:2: `faults.hiden`: unknown field `hiden`, did you mean `hidden`?"

@@ -1,4 +1,5 @@
-//! What a motion clip of the project's own must be: a person on a floor, left and right in place.
+//! Requirements on the project's own motion clips: a person on a floor, with correct left and
+//! right.
 
 use std::path::Path;
 
@@ -8,16 +9,16 @@ use nalgebra::Vector3;
 use super::CLIPS;
 use crate::motion::{Clip, Posture};
 
-/// Frame rate of the clips, and what one frame lasts.
+/// Frame rate of the clips.
 const RATE_HZ: f64 = 60.0;
-/// A clip is small enough to be embedded and read.
+/// Largest size of a clip that is embedded and parsed.
 const MAX_CLIP_BYTES: usize = 100_000;
-/// Stature of the body that the clips were keyed on, centimetres, by the rig's own sum of segments.
+/// Stature of the body for which the clips were keyed, centimetres, as the rig's sum of segments.
 const STATURE_CM: f64 = 175.0;
 const STATURE_TOLERANCE_CM: f64 = 2.0;
-/// Feet may dip this far below the floor for a moment, statures (2 cm): a toe that swings through.
+/// How far feet may briefly go below the floor, statures (2 cm): a toe in the swing phase.
 const UNDER_FLOOR: f64 = 0.02 / 1.75;
-/// What a point moves at most in a frame while it stands, statures (0.5 mm).
+/// Largest motion of a standing point per frame, statures (0.5 mm).
 const STILL: f64 = 0.0005 / 1.75;
 /// Fastest point of a person who is no athlete, statures per second (15 m/s).
 const FASTEST_S: f64 = 15.0 / 1.75;
@@ -38,20 +39,20 @@ fn frames(clip: &Clip) -> Vec<Posture> {
     (0..=n).map(|i| clip.posture(i as f64 / RATE_HZ)).collect()
 }
 
-/// Which points of a foot touch the floor.
+/// The points of a foot that touch the floor.
 const FEET: [[Joint; 2]; 2] = [
     [Joint::LeftHeel, Joint::LeftToe],
     [Joint::RightHeel, Joint::RightToe],
 ];
 
-/// Whether a foot stands still on its heel or on its toes from one frame to the next.
+/// Whether a foot stands on its heel or on its toes from one frame to the next.
 fn stands(before: &Posture, after: &Posture, foot: [Joint; 2]) -> bool {
     foot.iter()
         .any(|&point| (after.at(point) - before.at(point)).norm() < STILL)
 }
 
 #[test]
-fn every_clip_is_small_and_its_body_has_the_stature_it_was_keyed_on() {
+fn every_clip_is_small_and_has_the_keyed_stature() {
     for (name, text) in CLIPS {
         assert!(text.len() < MAX_CLIP_BYTES, "{name}: {} bytes", text.len());
     }
@@ -66,7 +67,7 @@ fn every_clip_is_small_and_its_body_has_the_stature_it_was_keyed_on() {
 }
 
 #[test]
-fn everybody_starts_and_ends_upright_with_the_left_side_on_the_left() {
+fn clips_start_and_end_upright_with_left_on_the_left() {
     for (name, clip) in clips() {
         for posture in [clip.posture(0.0), clip.posture(clip.duration_s())] {
             assert!(posture.at(Joint::Head).z > 0.80, "{name}");
@@ -89,7 +90,7 @@ fn everybody_starts_and_ends_upright_with_the_left_side_on_the_left() {
 }
 
 #[test]
-fn nobody_sinks_into_the_floor_or_moves_as_no_person_can() {
+fn clips_stay_above_the_floor_and_below_the_speed_limit() {
     for (name, clip) in clips() {
         let all = frames(&clip);
         for (i, posture) in all.iter().enumerate() {
@@ -109,8 +110,8 @@ fn nobody_sinks_into_the_floor_or_moves_as_no_person_can() {
 }
 
 #[test]
-fn a_foot_that_stands_stays_where_it_is() {
-    // The least share of the time in which some foot stands; run and jump fly, a cartwheel stands
+fn a_standing_foot_does_not_move() {
+    // Minimum share of the time with a standing foot: run and jump have flight, a cartwheel stands
     // on its hands.
     for (name, least) in [
         ("walk", 0.99),
@@ -139,7 +140,7 @@ fn a_foot_that_stands_stays_where_it_is() {
 }
 
 #[test]
-fn gaits_close_on_themselves_and_keep_their_speed() {
+fn gaits_are_closed_and_have_constant_speed() {
     for (name, speed_m_s) in [("walk", 1.31), ("jog", 2.5), ("run", 3.5), ("sprint", 7.8)] {
         let clip = clip(name);
         let (first, last) = (clip.posture(0.0), clip.posture(clip.duration_s()));

@@ -1,8 +1,7 @@
-//! What the project carries with it: motion clips and scenes of its own making, so that the program
-//! needs no other file.
+//! The project's own motion clips and scenes, embedded so that the program needs no other file.
 //!
-//! [`scene`] reads an embedded scene without touching a disk, [`with_clips`] one of the caller's; [`write_scene`] writes one with its clips into a
-//! folder, for processes that read files.
+//! [`scene`] loads an embedded scene without disk access; [`with_clips`] loads the caller's scene.
+//! [`write_scene`] writes a scene with its clips into a folder, for processes that read files.
 
 mod network;
 
@@ -18,31 +17,31 @@ use crate::motion::Clip;
 use crate::scene::Scene;
 use crate::scene::file::SceneFile;
 
-/// Folder of the scenes, beside that of the clips.
+/// Folder of the scenes, next to the folder of the clips.
 const SCENE_FOLDER: &str = "scenes";
 
-/// The scene `name` (as in its file name, without the ending), its clips taken from [`CLIPS`].
+/// The scene `name` (its file name without extension), with clips from [`CLIPS`].
 ///
 /// # Errors
-/// [`FileError`] that names what there is, for a name that is not embedded.
+/// [`FileError`] that lists the embedded scenes, for an unknown name.
 pub fn scene(name: &str) -> Result<Scene, FileError> {
     let path = scene_path(name);
     with_clips(text_of(SCENES, name, &path)?, &path)
 }
 
-/// The scene that `text` describes, its clips taken from [`CLIPS`]; `path` is what errors name, and what paths
-/// in it are relative to.
+/// The scene in `text`, with clips from [`CLIPS`]. Paths in `text` are relative to `path`, which
+/// errors also name.
 ///
 /// # Errors
-/// [`FileError`] for a text that is no scene, or names a clip that is not embedded.
+/// [`FileError`] for an invalid scene, or a clip that is not embedded.
 pub fn with_clips(text: &str, path: &Path) -> Result<Scene, FileError> {
     Scene::parse(text, path, &mut |clip| {
         Ok(Arc::new(Clip::parse(clip_text(clip)?, clip)?))
     })
 }
 
-/// Writes the scene `name` and the clips that it names below `folder`, and returns the path of the scene.
-/// Files that are there are replaced.
+/// Writes the scene `name` and its clips below `folder`, and returns the path of the scene.
+/// Replaces existing files.
 ///
 /// # Errors
 /// [`FileError`] for a name that is not embedded, and a folder or file that cannot be written.
@@ -50,11 +49,11 @@ pub fn write_scene(name: &str, folder: &Path) -> Result<PathBuf, FileError> {
     write_scene_with_clips(text_of(SCENES, name, &scene_path(name))?, name, folder)
 }
 
-/// The same for the scene that `text` describes, whose clips are embedded.
+/// As [`write_scene`], for the scene in `text`, whose clips are embedded.
 ///
 /// # Errors
-/// [`FileError`] for a text that is no scene, or names a clip that is not embedded, and a folder or file that cannot be
-/// written.
+/// [`FileError`] for an invalid scene, a clip that is not embedded, and a folder or file that
+/// cannot be written.
 pub fn write_scene_with_clips(text: &str, name: &str, folder: &Path) -> Result<PathBuf, FileError> {
     let on_disk = folder.join(scene_path(name));
     for clip in SceneFile::parse(text, &on_disk)?.clips() {
@@ -68,7 +67,7 @@ fn scene_path(name: &str) -> PathBuf {
     Path::new(SCENE_FOLDER).join(name).with_extension("toml")
 }
 
-/// The clip that a path in a scene means.
+/// The text of the clip that a path in a scene names.
 fn clip_text(path: &Path) -> Result<&'static str, FileError> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     text_of(CLIPS, &name, path)

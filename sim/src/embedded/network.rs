@@ -1,4 +1,4 @@
-//! The networks that the project carries: trained on rendered pictures, for simulated venues.
+//! The embedded networks for simulated venues; they are trained on rendered pictures.
 
 use std::path::Path;
 
@@ -6,21 +6,21 @@ use farfield_proto::toml_file::FileError;
 
 use super::write;
 
-/// Name of the card.
+/// Name of the network's card.
 const CARD_NAME: &str = "farfield_hrnet.toml";
-/// Name of the network, as the card says it.
+/// Name of the network's file in its card.
 const ONNX_NAME: &str = "farfield_hrnet.onnx";
 const CARD: &str = include_str!("../../network/farfield_hrnet.toml");
 const ONNX: &[u8] = include_bytes!("../../network/farfield_hrnet.onnx");
 
 /// Name of the detector's card.
 const DETECTOR_CARD_NAME: &str = "farfield_detector.toml";
-/// Name of the detector, as its card says it.
+/// Name of the detector's file in its card.
 const DETECTOR_ONNX_NAME: &str = "farfield_detector.onnx";
 const DETECTOR_CARD: &str = include_str!("../../network/detector/farfield_detector.toml");
 const DETECTOR_ONNX: &[u8] = include_bytes!("../../network/detector/farfield_detector.onnx");
 
-/// Writes the network and its card into `folder`, and returns the card's file name.
+/// Writes the network and its card into `folder`; returns the file name of the card.
 ///
 /// # Errors
 /// [`FileError`] for a folder or file that cannot be written.
@@ -30,7 +30,7 @@ pub fn write_network(folder: &Path) -> Result<&'static str, FileError> {
     Ok(CARD_NAME)
 }
 
-/// Writes the detector and its card into `folder`, and returns the card's file name.
+/// Writes the detector and its card into `folder`; returns the file name of the card.
 ///
 /// # Errors
 /// [`FileError`] for a folder or file that cannot be written.
@@ -46,11 +46,11 @@ mod tests {
 
     use super::*;
 
-    /// What a network may take of a repository, bytes.
+    /// Largest size of a network in the repository, bytes.
     const MOST_BYTES: usize = 4 << 20;
 
     #[test]
-    fn the_card_is_one_and_names_the_network_beside_it() {
+    fn the_card_is_valid_and_names_the_network_file() {
         let card = HeatmapCard::parse(CARD, Path::new(CARD_NAME)).unwrap();
         assert_eq!(card.file, Path::new(ONNX_NAME));
         assert!(ONNX.len() <= MOST_BYTES, "{} bytes", ONNX.len());
@@ -60,11 +60,11 @@ mod tests {
         assert!(folder.path().join("models").join(ONNX_NAME).is_file());
     }
 
-    /// What the detector may take of it, bytes.
+    /// Largest size of the detector in the repository, bytes.
     const MOST_DETECTOR_BYTES: usize = 1 << 20;
 
     #[test]
-    fn the_detectors_card_names_the_detector_beside_it() {
+    fn the_detectors_card_names_the_detector_file() {
         let card = DetectorCard::parse(DETECTOR_CARD, Path::new(DETECTOR_CARD_NAME)).unwrap();
         assert_eq!(card.file, Path::new(DETECTOR_ONNX_NAME));
         assert!(DETECTOR_ONNX.len() <= MOST_DETECTOR_BYTES);

@@ -1,5 +1,4 @@
-//! What a scene of the project's own must be: it runs for its length, and what people do in it, people
-//! can do.
+//! Requirements on the project's own scenes: each runs for its full length, with plausible motion.
 
 use std::collections::BTreeSet;
 use std::sync::LazyLock;
@@ -11,17 +10,17 @@ use rayon::prelude::*;
 use super::*;
 use crate::scene::KEEP_M;
 
-/// Fastest point, metres per second: a foot of the sprinter swings forward at not quite twice his speed,
-/// and turns with him in a corner.
+/// Fastest point, metres per second: a sprinter's swing foot has nearly twice his speed, plus the
+/// turn in a corner.
 const FASTEST_M_S: f64 = 20.0;
-/// How much nearer than asked two pelvises may come, metres: they are planned on samples.
+/// Allowed shortfall of the pelvis distance, metres: distances are planned on samples.
 const NEAR_TOLERANCE_M: f64 = 0.02;
-/// Scenes in which contact is meant.
+/// Scenes with intended contact.
 const IN_CONTACT: [&str; 4] = ["cross", "hug", "long-hug", "scrum"];
-/// Scenes in which people come or go.
+/// Scenes in which people enter or leave.
 const COMING_OR_GOING: [&str; 3] = ["enter", "return", "side-by-side"];
 
-/// A scene as it runs: everybody's joints at every tick, metres.
+/// The joints of all people at every tick of a scene, metres.
 struct Run {
     name: &'static str,
     scene: Scene,
@@ -51,7 +50,7 @@ impl Run {
     }
 }
 
-/// All scenes; run once for all tests.
+/// All scenes, computed once for all tests.
 static RUNS: LazyLock<Vec<Run>> =
     LazyLock::new(|| SCENES.iter().map(|(name, _)| Run::of(name)).collect());
 
@@ -60,14 +59,14 @@ fn pelvis(joints: &Joints) -> nalgebra::Vector2<f64> {
 }
 
 #[test]
-fn every_scene_says_what_it_probes() {
+fn every_scene_starts_with_its_purpose() {
     for (name, text) in SCENES {
         assert!(text.starts_with("# "), "{name}");
     }
 }
 
 #[test]
-fn a_scene_that_is_not_carried_is_refused_with_the_names_of_those_that_are() {
+fn an_unknown_scene_is_refused_with_the_embedded_names() {
     let error = scene("cuort").unwrap_err().to_string();
     assert!(
         error.contains("court") && error.contains("cuort"),
@@ -76,7 +75,7 @@ fn a_scene_that_is_not_carried_is_refused_with_the_names_of_those_that_are() {
 }
 
 #[test]
-fn everybody_moves_through_every_scene_without_a_leap() {
+fn people_move_through_every_scene_without_jumps() {
     for run in RUNS.iter() {
         for person in run.people() {
             let all: Vec<_> = run.person(person).collect();
@@ -104,7 +103,7 @@ fn everybody_moves_through_every_scene_without_a_leap() {
 }
 
 #[test]
-fn people_keep_their_distance_where_no_contact_is_meant() {
+fn people_keep_their_distance_unless_contact_is_intended() {
     for run in RUNS.iter().filter(|run| !IN_CONTACT.contains(&run.name)) {
         for (tick, people) in run.ticks.iter().enumerate() {
             let pelvises: Vec<_> = people.iter().flatten().map(pelvis).collect();
@@ -120,7 +119,7 @@ fn people_keep_their_distance_where_no_contact_is_meant() {
 }
 
 #[test]
-fn everybody_is_in_the_field_unless_coming_or_going() {
+fn people_are_in_the_field_unless_they_enter_or_leave() {
     let stay = |run: &&Run| !COMING_OR_GOING.contains(&run.name);
     for run in RUNS.iter().filter(stay) {
         let [width_m, depth_m] = run.scene.size_m();
@@ -134,7 +133,7 @@ fn everybody_is_in_the_field_unless_coming_or_going() {
 }
 
 #[test]
-fn people_on_a_stage_stand_on_it_and_the_field_lies_above_it() {
+fn people_stand_on_a_stage_and_its_field_is_above_it() {
     let stage = RUNS.iter().find(|run| run.name == "stage").unwrap();
     let floor_m = stage.scene.floor_m();
     let lowest_m = |joints: &Joints| joints.iter().map(|joint| joint.z).fold(f64::MAX, f64::min);
@@ -165,7 +164,7 @@ fn cartwheels_turn_people_upside_down() {
 }
 
 #[test]
-fn a_scene_written_to_a_folder_is_the_scene_that_is_carried() {
+fn a_scene_written_to_a_folder_equals_the_embedded_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = write_scene("court", folder.path()).unwrap();
     let (written, carried) = (Scene::load(&path).unwrap(), scene("court").unwrap());

@@ -1,15 +1,14 @@
-//! Which keypoints bodies cover, as one camera sees them.
+//! Which keypoints are covered by bodies, as seen from one camera.
 
 use nalgebra::Vector3;
 
 use super::crowd::Subject;
 use super::in_sight::Standpoint;
 
-/// What covers a keypoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Cover {
     pub(super) by_own: bool,
-    /// The other person whose body does; the one nearest to the camera where there are several.
+    /// The other person whose body covers the keypoint: the one nearest to the camera.
     pub(super) by_other: Option<usize>,
 }
 
@@ -19,30 +18,30 @@ impl Cover {
     }
 }
 
-/// Everybody who is there, as seen from one place.
+/// All people who are present, seen from one position.
 pub(super) struct Bodies<'a> {
     eye_m: Vector3<f64>,
     subjects: &'a [Option<Subject>],
     standpoint: Option<&'a Standpoint>,
-    /// The nearest pelvis first.
+    /// Sorted by the distance of the pelvis, nearest first.
     balls: Vec<BoundingBall>,
 }
 
-/// A ball around a body, as a cone of sight.
+/// The bounding ball of a body, as a cone of sight.
 struct BoundingBall {
     person: usize,
     /// Unit vector to its centre.
     direction: Vector3<f64>,
-    /// Of the centre and of the pelvis, metres.
+    /// Distance of the centre, metres.
     distance_m: f64,
     pelvis_m: f64,
     radius_m: f64,
-    /// Sine and cosine of half the angle under which it is seen; `None` from inside.
+    /// Sine and cosine of half the visual angle; `None` if the eye is inside the ball.
     half_angle: Option<(f64, f64)>,
 }
 
 impl<'a> Bodies<'a> {
-    /// Those of `subjects` who are there, from a camera at `eye_m` (world).
+    /// The present ones of `subjects`, from a camera at `eye_m` (world).
     pub(super) fn new(
         eye_m: Vector3<f64>,
         subjects: &'a [Option<Subject>],
@@ -76,7 +75,7 @@ impl<'a> Bodies<'a> {
         }
     }
 
-    /// The others any part of whom could cover some part of `person`, the nearest first.
+    /// The other people who may cover a part of `person`, nearest first.
     pub(super) fn before(&self, person: usize) -> Vec<usize> {
         let Some(own) = self.balls.iter().find(|ball| ball.person == person) else {
             return Vec::new();
@@ -98,7 +97,7 @@ impl<'a> Bodies<'a> {
         at.may_hide(other, person)
     }
 
-    /// What covers the `keypoint`-th site of `person`; `before` as [`Self::before`] says.
+    /// What covers site `keypoint` of `person`; `before` comes from [`Self::before`].
     pub(super) fn cover(&self, person: usize, keypoint: usize, before: &[usize]) -> Cover {
         let Some(subject) = &self.subjects[person] else {
             return Cover::default();
@@ -116,14 +115,14 @@ impl<'a> Bodies<'a> {
 }
 
 impl BoundingBall {
-    /// Whether a line of sight to some point of `other` can meet this ball before it.
+    /// Whether a line of sight to some point of `other` can meet this ball first.
     fn may_cover(&self, other: &Self) -> bool {
         let (Some((sin_a, cos_a)), Some((sin_b, cos_b))) = (self.half_angle, other.half_angle)
         else {
             return true;
         };
         let in_front = self.distance_m - self.radius_m < other.distance_m + other.radius_m;
-        // Both half angles are below a right angle, so their sum is where the cosine falls.
+        // Both half angles are below 90 degrees, so the cosine decreases over their sum.
         let cos_sum = cos_a * cos_b - sin_a * sin_b;
         in_front && self.direction.dot(&other.direction) >= cos_sum
     }
@@ -135,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_who_covers_is_left_out_beforehand() {
+    fn the_coarse_test_keeps_every_person_who_covers() {
         let places = (0..6).flat_map(|i| (0..6).map(move |j| (i, j)));
         let at = |(i, j): (i32, i32)| Some(standing(f64::from(i) * 0.7, f64::from(j) * 0.45));
         let subjects: Vec<Option<Subject>> = places.map(at).collect();
@@ -145,22 +144,22 @@ mod tests {
             Vector3::new(2.0, 1.0, 12.0),
         ] {
             let bodies = Bodies::new(eye_m, &subjects, None);
-            let mut left_out = 0;
+            let mut skipped = 0;
             for (person, subject) in subjects.iter().enumerate() {
                 let before = bodies.before(person);
                 for q in (0..subjects.len()).filter(|q| *q != person && !before.contains(q)) {
-                    left_out += 1;
+                    skipped += 1;
                     let other = &subjects[q].as_ref().unwrap().volume;
                     let mut sites = subject.as_ref().unwrap().sites_m.iter();
                     assert!(!sites.any(|site_m| other.covers(&eye_m, site_m, None)));
                 }
             }
-            assert!(left_out > 100, "{left_out} of 1260");
+            assert!(skipped > 100, "{skipped} of 1260");
         }
     }
 
     #[test]
-    fn the_nearest_of_those_who_cover_is_named() {
+    fn the_nearest_covering_person_is_reported() {
         let subjects: Vec<Option<Subject>> = vec![
             Some(standing(0.0, 0.0)),
             Some(standing(-1.0, 0.0)),

@@ -1,5 +1,4 @@
-//! The people of a scene at one moment, as all its cameras need them: bodies, what mirrors show of
-//! them, and pictures of people.
+//! The figures of a scene at one moment, shared by all cameras: bodies, reflections and posters.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -11,41 +10,40 @@ use super::streams::N_KEYPOINTS;
 use crate::body::{Build, Volume};
 use crate::scene::{PersonTruth, Scene, ViewpointMask};
 
-/// Moments that are remembered: the cameras of a run are a few ticks apart at most.
+/// Cached moments: the cameras of a run are at most a few ticks apart.
 const MOMENTS: usize = 8;
 
-/// What it is that looks like a person.
+/// The kind of a figure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum FigureKind {
-    /// A person.
     Body,
-    /// What this mirror of the scene shows of a person.
+    /// The reflection of a person in this mirror of the scene.
     Reflection(usize),
     /// This poster of the scene.
     Poster(usize),
 }
 
-/// One person, or what looks like one, at one moment, world metres.
+/// One figure at one moment, world metres.
 #[derive(Debug, Clone)]
 pub(super) struct Subject {
     pub(super) figure: FigureKind,
-    /// The viewpoints that see it, unless something stands in between.
+    /// The viewpoints that see it, unless something blocks the view.
     pub(super) seen_by: ViewpointMask,
     pub(super) stature_m: f64,
     pub(super) torso_m: Vector3<f64>,
     pub(super) neck_m: Vector3<f64>,
-    /// The sites of the keypoints, in COCO's order.
+    /// Sites of the keypoints, in COCO's order.
     pub(super) sites_m: [Vector3<f64>; N_KEYPOINTS],
     pub(super) volume: Volume,
 }
 
 impl Subject {
-    /// The person with these joints and keypoint sites, seen by all.
+    /// The person with these joints and keypoint sites, visible to all viewpoints.
     pub(super) fn new(truth: &PersonTruth, build: &Build) -> Self {
-        Self::of(truth, build.stature_m, Volume::new(&truth.joints_m, build))
+        Self::from_truth(truth, build.stature_m, Volume::new(&truth.joints_m, build))
     }
 
-    fn of(truth: &PersonTruth, stature_m: f64, volume: Volume) -> Self {
+    fn from_truth(truth: &PersonTruth, stature_m: f64, volume: Volume) -> Self {
         Self {
             figure: FigureKind::Body,
             seen_by: ViewpointMask::MAX,
@@ -58,19 +56,19 @@ impl Subject {
     }
 }
 
-/// Everybody at one moment: one entry per person of the scene, then one per mirror and person, then
-/// one per poster; `None` for who is not there.
+/// All figures at one moment: one entry per person of the scene, then one per mirror and person,
+/// then one per poster. `None` marks an absent figure.
 type SubjectsAtTime = Arc<[Option<Subject>]>;
 
-/// The people of a scene, whose bodies are made once for all cameras that ask for the same moment.
+/// The people of a scene; their bodies are built once for all cameras that request the same moment.
 ///
-/// Answers never depend on what was asked before; only the time that they take does.
+/// Results do not depend on earlier requests.
 #[derive(Debug)]
 pub struct SceneCrowd {
     scene: Arc<Scene>,
     builds: Vec<Build>,
     posters: Vec<Subject>,
-    /// The moments asked for last, by their time in seconds (as bits).
+    /// The last requested moments, by the bits of their time in seconds.
     recent: Mutex<VecDeque<(u64, SubjectsAtTime)>>,
 }
 
@@ -83,7 +81,7 @@ impl SceneCrowd {
             let build = Build::from_seed(poster.stature_m, poster.build_seed);
             Subject {
                 figure: FigureKind::Poster(index),
-                ..Subject::of(&poster.printed(), poster.stature_m, poster.volume(&build))
+                ..Subject::from_truth(&poster.printed(), poster.stature_m, poster.volume(&build))
             }
         });
         Self {
@@ -99,15 +97,15 @@ impl SceneCrowd {
         &self.scene
     }
 
-    /// How many look like people: entries of [`Self::at`].
+    /// Number of entries of [`Self::at`].
     pub(super) fn n_subjects(&self) -> usize {
         self.builds.len() * (1 + self.scene.mirrors().len()) + self.posters.len()
     }
 
-    /// Everybody at `time_s`. Whoever else asks for a moment meanwhile waits: it is the same one in
-    /// a run, and is made only once.
+    /// All figures at `time_s`. Concurrent callers wait: in a run they request the same moment,
+    /// which is built only once.
     pub(super) fn at(&self, time_s: f64) -> SubjectsAtTime {
-        // A panic elsewhere leaves whole moments behind.
+        // A panic in another thread leaves only complete moments behind.
         let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
         let key = time_s.to_bits();
         if let Some((_, moment)) = recent.iter().find(|(time, _)| *time == key) {

@@ -1,6 +1,8 @@
-//! What stands between a camera and what it looks at, other than bodies: mirrors, which hide what is
-//! behind them and show what is before them. What a camera is not shown, somebody who is lost to it or a
-//! poster from behind, hides nothing from it either.
+//! What blocks the view of a camera apart from bodies. Mirrors hide what is behind them and reflect
+//! what is in front of them.
+//!
+//! A figure that is not visible to a camera hides nothing from it: for example a person hidden by
+//! `[[lost]]`, or a poster seen from behind.
 
 use std::sync::Arc;
 
@@ -13,13 +15,13 @@ use crate::scene::Scene;
 #[derive(Debug, Clone)]
 pub(super) struct Standpoint {
     scene: Arc<Scene>,
-    /// Its viewpoint's place in the scene.
+    /// Index of its viewpoint in the scene.
     viewpoint: usize,
     eye_m: Vector3<f64>,
 }
 
 impl Standpoint {
-    /// That of camera `camera` of the scene, which has it.
+    /// The standpoint of camera `camera` of the scene.
     pub(super) fn new(scene: &Arc<Scene>, camera: usize) -> Self {
         let of_camera = scene
             .viewpoints()
@@ -32,7 +34,7 @@ impl Standpoint {
         }
     }
 
-    /// Whether anything of `subject` can be seen from here at all.
+    /// Whether any part of `subject` can be visible from here.
     pub(super) fn faces(&self, subject: &Subject) -> bool {
         let to_all = match subject.figure {
             FigureKind::Body => true,
@@ -42,7 +44,8 @@ impl Standpoint {
         to_all && subject.seen_by & (1 << self.viewpoint) != 0
     }
 
-    /// Whether a point of `subject` is not behind a mirror, or, of a reflection, in the glass.
+    /// Whether a point of `subject` is visible: not behind a mirror, or, for a reflection, inside
+    /// the glass.
     pub(super) fn reaches(&self, subject: &Subject, point_m: &Vector3<f64>) -> bool {
         let mut mirrors = self.scene.mirrors().iter().enumerate();
         mirrors.all(|(index, mirror)| {
@@ -51,9 +54,9 @@ impl Standpoint {
         })
     }
 
-    /// Whether `other` can hide a part of `subject`: nobody does whom this camera is not shown, a
-    /// reflection hides others in the same glass alone, and these are not hidden by what stands behind
-    /// the mirror.
+    /// Whether `other` can hide a part of `subject`. A figure that this camera does not see hides
+    /// nothing. A reflection hides only figures in the same glass. Objects behind the mirror do not
+    /// hide a reflection.
     pub(super) fn may_hide(&self, other: &Subject, subject: &Subject) -> bool {
         if !self.faces(other) {
             return false;
@@ -82,8 +85,8 @@ mod tests {
     use crate::embedded_files::CLIPS;
     use crate::motion::Clip;
 
-    /// One who stands in the middle, two viewpoints in the south and two in the north, no faults but
-    /// those that are added.
+    /// One person in the middle, two viewpoints in the south, two in the north, and only the faults
+    /// in `added`.
     fn scene(added: &str) -> Arc<Scene> {
         let text = format!(
             "rate_hz = 60\nseconds = 4\nsize_m = [7, 5]\n\
@@ -95,24 +98,24 @@ mod tests {
         Arc::new(Scene::parse(&text, Path::new("a.toml"), clip).unwrap())
     }
 
-    /// What the camera of a viewpoint shows at `time_s`.
+    /// What the camera of a viewpoint observes at `time_s`.
     fn observed(scene: &Arc<Scene>, viewpoint: &str, time_s: f64) -> MapObservation {
         let crowd = Arc::new(SceneCrowd::new(Arc::clone(scene)));
         let names = scene.viewpoints().iter();
         let found = names.clone().find(|v| v.name == viewpoint).unwrap();
         let tick = Tick((time_s * 60.0).round() as i64);
-        MapFaults::of(crowd, found.cameras[0]).observe(tick)
+        MapFaults::with_crowd(crowd, found.cameras[0]).observe(tick)
     }
 
     fn of_figure(observation: &MapObservation, person: usize) -> Option<&ImagedPerson> {
         observation.people.iter().find(|seen| seen.person == person)
     }
 
-    /// Before the mirror stands the person, behind it are the northern viewpoints.
+    /// The person is in front of the mirror; the northern viewpoints are behind it.
     const MIRROR: &str = "[[mirror]]\nfrom_m = [3, 1.5]\nto_m = [-3, 1.5]\nheight_m = 2.4\n";
 
     #[test]
-    fn who_looks_into_a_mirror_sees_everybody_twice_and_who_looks_at_its_back_nobody_behind_it() {
+    fn a_mirror_doubles_people_in_front_and_hides_people_behind() {
         let scene = scene(MIRROR);
         for south in ["south-west", "south-east"] {
             let seen = observed(&scene, south, 0.0);
@@ -134,19 +137,19 @@ mod tests {
     }
 
     #[test]
-    fn nobody_who_is_seen_nearby_leaks_into_the_maps_of_who_is_there() {
+    fn a_nearby_reflection_leaks_into_the_maps_of_a_person() {
         let scene = scene(&format!(
             "{MIRROR}[faults]\nleak = {{ probability = 1.0 }}\n"
         ));
         let seen = observed(&scene, "south-west", 0.0);
-        let (body, nobody) = (of_figure(&seen, 0).unwrap(), of_figure(&seen, 1).unwrap());
+        let (body, reflection) = (of_figure(&seen, 0).unwrap(), of_figure(&seen, 1).unwrap());
         let leaked = body.keypoints[0].leaked.unwrap();
-        assert!((leaked.at_px - nobody.keypoints[0].own.unwrap().at_px).norm() < 1e-6);
-        assert!(nobody.keypoints.iter().all(|k| k.leaked.is_none()));
+        assert!((leaked.at_px - reflection.keypoints[0].own.unwrap().at_px).norm() < 1e-6);
+        assert!(reflection.keypoints.iter().all(|k| k.leaked.is_none()));
     }
 
     #[test]
-    fn a_poster_is_sighted_from_before_it_and_hides_who_is_behind_it() {
+    fn a_poster_is_sighted_from_the_front_and_hides_people_behind() {
         let poster = "[[poster]]\nat_m = [-1.5, -1.2]\nheading_rad = 3.8\nheight_m = 1.8\n\
                       clip = \"idle.bvh\"\n";
         let scene = scene(poster);
@@ -161,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_lost_is_seen_by_the_excepted_alone_and_afterwards_by_all() {
+    fn a_lost_person_is_visible_only_to_the_exceptions_until_the_end() {
         let lost = "[[lost]]\nperson = \"1\"\nfrom_s = 1\nuntil_s = 2\nexcept = [\"north-east\"]\n";
         let scene = scene(lost);
         for (time_s, elsewhere) in [(0.9, 1), (1.0, 0), (1.9, 0), (2.0, 1)] {
@@ -172,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_lost_to_a_camera_hides_nobody_from_it() {
+    fn a_person_lost_to_a_camera_hides_no_other_person_from_it() {
         let near = "[[person]]\nname = \"2\"\nclips = [\"idle.bvh\"]\nheight_m = 1.8\n\
                     at_m = [-1.5, -1.2]\nkeep_inside = false\n";
         let lost = "[[lost]]\nperson = \"2\"\nfrom_s = 1\nuntil_s = 2\n";
@@ -188,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bystander_behind_glass_is_seen_by_one_viewpoint_and_not_in_the_truth() {
+    fn a_bystander_seen_by_one_viewpoint_is_not_in_the_truth() {
         let scene = scene("seen_by = [\"south-west\"]\n");
         assert_eq!(observed(&scene, "south-west", 0.0).persons().len(), 1);
         assert_eq!(observed(&scene, "south-east", 0.0).persons().len(), 0);

@@ -1,11 +1,12 @@
-//! What one camera's maps hold at one tick: truth, projected, covered by bodies, and wrong in the
-//! ways of the scene's [`FaultProfile`].
+//! The content of one camera's maps at one tick: the truth, projected, covered by bodies, and
+//! changed by the faults of the scene's [`FaultProfile`].
 //!
-//! Where several faults meet: a keypoint that another body covers is hidden and leaks, its peak has
-//! the leak's height. A keypoint that is missing, or hidden without a peak, has no mirrored peak
-//! either, as that is measured in the true one; the peak of another person that leaks in stays.
-//! Where no body covers a keypoint, what a mirror or a poster shows of the nearest figure leaks in as a
-//! body's keypoint does: a network cannot know which of two figures side by side is nobody.
+//! Rules where several faults meet:
+//! - A keypoint that another body covers is hidden and leaks; its peak has the height of the leak.
+//! - A keypoint that is missing, or hidden without a peak, has no mirrored peak either, because the
+//!   mirrored height is relative to the true peak. A leaked peak of another person stays.
+//! - Where no body covers a keypoint, the nearest reflection or poster leaks in like a body: a
+//!   network cannot know which of two adjacent figures is a real person.
 
 use std::sync::Arc;
 
@@ -29,13 +30,12 @@ const SIGMAS: [f64; N_KEYPOINTS] = [
 ];
 /// The scale s of OKS, sqrt(area), in statures: 0.71 m for 1.75 m.
 const SCALE_PER_STATURE: f64 = 0.71 / 1.75;
-/// Depth at which errors stop growing in the image, metres: nearer, a hand fills it.
+/// Depth below which errors stop growing in the image, metres: at a smaller depth a hand fills it.
 const NEAREST_M: f64 = 0.3;
-/// Keypoints that a detector must see, in the image and not behind another body, to find somebody:
-/// a third.
+/// A detector needs this many keypoints inside the image and not covered by another body: a third.
 pub(super) const LEAST_KEYPOINTS: usize = 6;
 
-/// The faults of one camera, at some tick.
+/// The faults of one camera at its current tick.
 #[derive(Debug, Clone)]
 pub(super) struct CameraFaults {
     camera: Arc<CameraModel>,
@@ -43,7 +43,7 @@ pub(super) struct CameraFaults {
     seed: u64,
     rate_hz: f64,
     index: u16,
-    /// `None`: nothing stands in between, and everybody is seen.
+    /// `None`: nothing blocks the view and all people are visible.
     standpoint: Option<Standpoint>,
     capture_offset_us: i32,
     tick: u64,
@@ -51,12 +51,12 @@ pub(super) struct CameraFaults {
     streams: Vec<Vec<KeypointStreams>>,
 }
 
-/// What one camera's maps hold at one tick.
+/// The content of one camera's maps at one tick.
 #[derive(Debug, Clone)]
 pub struct MapObservation {
     pub(super) camera: Arc<CameraModel>,
     pub(super) capture_offset_us: i32,
-    /// Those of whom anything is in the image.
+    /// The people with at least one keypoint in the image.
     pub(super) people: Vec<ImagedPerson>,
     /// Highest noise, 0 to 1.
     pub(super) noise: f64,
@@ -67,43 +67,41 @@ pub struct MapObservation {
 /// One person in one image.
 #[derive(Debug, Clone)]
 pub(super) struct ImagedPerson {
-    /// Number in the scene.
+    /// Index in the scene.
     pub(super) person: usize,
-    /// Pelvis and neck without any error, undistorted pixels.
+    /// Pelvis and neck without error, undistorted pixels.
     pub(super) torso_px: Vector2<f64>,
     pub(super) neck_px: Vector2<f64>,
     pub(super) keypoints: [KeypointPeaks; N_KEYPOINTS],
 }
 
-/// The peaks in one keypoint's map.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct KeypointPeaks {
-    /// Where the keypoint is, more or less.
+    /// The peak near the keypoint itself.
     pub(super) own: Option<SimulatedPeak>,
-    /// Where the opposite limb's is.
+    /// The peak at the opposite limb.
     pub(super) mirrored: Option<SimulatedPeak>,
-    /// Where that of whoever stands before it is; in the maps of crops that hold it.
+    /// The peak at the same keypoint of the person in front, if the crop contains it.
     pub(super) leaked: Option<SimulatedPeak>,
-    /// Whether it is in the image and no other body covers it.
+    /// Whether the keypoint is in the image and no other body covers it.
     pub(super) in_the_open: bool,
 }
 
-/// A peak.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SimulatedPeak {
     /// Undistorted pixels.
     pub(super) at_px: Vector2<f64>,
-    /// 1 where nothing is wrong.
+    /// 1 without faults.
     pub(super) height: f64,
 }
 
 impl MapObservation {
-    /// When the picture was taken, microseconds after the tick's time.
+    /// Time of capture, microseconds after the time of the tick.
     pub fn capture_offset_us(&self) -> i32 {
         self.capture_offset_us
     }
 
-    /// A black picture: nobody, and not even noise.
+    /// A black picture without people and noise.
     pub fn black(camera: &Arc<CameraModel>) -> Self {
         Self {
             camera: Arc::clone(camera),
@@ -115,7 +113,6 @@ impl MapObservation {
     }
 }
 
-/// A person as the camera meets them.
 struct PersonInView {
     figure: FigureKind,
     /// Undistorted pixels.
@@ -123,11 +120,11 @@ struct PersonInView {
     neck_px: Vector2<f64>,
     covered: [Cover; N_KEYPOINTS],
     /// The keypoints inside the image, with their errors.
-    found_px: [Option<Vector2<f64>>; N_KEYPOINTS],
+    keypoints_px: [Option<Vector2<f64>>; N_KEYPOINTS],
 }
 
 impl CameraFaults {
-    /// The faults of camera `index` at tick 0, for `n_people` people of a scene of `seed`.
+    /// The faults of camera `index` at tick 0, for `n_people` people of a scene with `seed`.
     pub(super) fn new(
         camera: CameraModel,
         index: usize,
@@ -158,7 +155,7 @@ impl CameraFaults {
         faults
     }
 
-    /// The same among the mirrors and posters of a scene.
+    /// The same with the mirrors and posters of a scene.
     pub(super) fn standing(mut self, at: Standpoint) -> Self {
         self.standpoint = Some(at);
         self
@@ -182,7 +179,7 @@ impl CameraFaults {
         self.streams = streams;
     }
 
-    /// Goes to `tick`, from tick 0 where it lies behind.
+    /// Advances to `tick`; restarts at tick 0 if `tick` is in the past.
     fn go_to(&mut self, tick: u64) {
         if tick < self.tick {
             self.restart(self.streams.len());
@@ -195,11 +192,10 @@ impl CameraFaults {
         self.tick = tick;
     }
 
-    /// What the camera's maps hold at `tick` (from 0) when the people are where `subjects` says;
-    /// one entry per person of the scene, `None` for who is not there.
+    /// The content of the camera's maps at `tick` (from 0). `subjects` has one entry per person of
+    /// the scene, `None` for an absent one.
     ///
-    /// Cost: what [`crate::body::Volume::covers`] costs for every keypoint in the image and every
-    /// person.
+    /// Cost: one call of [`crate::body::Volume::covers`] per keypoint in the image and person.
     pub(super) fn observe(&mut self, tick: u64, subjects: &[Option<Subject>]) -> MapObservation {
         self.go_to(tick);
         let eye_m = self.camera.center().coordinates_m().coords;
@@ -219,14 +215,12 @@ impl CameraFaults {
         }
     }
 
-    /// The offset of the camera's captures from their ticks, microseconds: constant, and 0 for cameras
-    /// that run with the ticks.
     pub(super) fn capture_offset_us(&self) -> i32 {
         self.capture_offset_us
     }
 
-    /// How the camera meets somebody, and where it finds their keypoints; `None` where none of them
-    /// is in the image, or pelvis and neck lie behind the camera.
+    /// The projection of one person and its keypoints. `None` if no keypoint is in the image, or if
+    /// pelvis and neck are both behind the camera.
     fn view(&self, person: usize, subject: &Subject, bodies: &Bodies<'_>) -> Option<PersonInView> {
         let at = self.standpoint.as_ref();
         if at.is_some_and(|at| !at.faces(subject)) {
@@ -246,7 +240,7 @@ impl CameraFaults {
             torso_px: torso_px.or(neck_px)?,
             neck_px: neck_px.or(torso_px)?,
             covered: [Cover::default(); N_KEYPOINTS],
-            found_px: [None; N_KEYPOINTS],
+            keypoints_px: [None; N_KEYPOINTS],
         };
         let before = bodies.before(person);
         let px_per_m = self.px_per_m(&subject.torso_m);
@@ -255,7 +249,7 @@ impl CameraFaults {
             view.covered[k] = bodies.cover(person, k, &before);
             let scale_m = SIGMAS[k] * SCALE_PER_STATURE * subject.stature_m;
             let error = self.error(&streams.draws(), view.covered[k].any());
-            view.found_px[k] = Some(site_px + scale_m * error.component_mul(&px_per_m));
+            view.keypoints_px[k] = Some(site_px + scale_m * error.component_mul(&px_per_m));
         }
         Some(view)
     }
@@ -274,7 +268,7 @@ impl CameraFaults {
         Vector2::from(draws.bias) * (bias * factor) + Vector2::from(draws.jitter) * jitter
     }
 
-    /// Pixels that a metre across the line of sight takes at the depth of `point_m`.
+    /// Pixels per metre across the line of sight at the depth of `point_m`.
     fn px_per_m(&self, point_m: &Vector3<f64>) -> Vector2<f64> {
         let p_c = *self.camera.camera_from_world() * Point::new((*point_m).into());
         let depth_m = p_c.coordinates_m().z.max(NEAREST_M);
@@ -282,18 +276,18 @@ impl CameraFaults {
         Vector2::new(focal.fx_px, focal.fy_px) / depth_m
     }
 
-    /// The peaks of one person; `None` where nothing of them is in the image.
+    /// The peaks of one person; `None` if no part of the person is in the image.
     fn seen(&self, person: usize, views: &[Option<PersonInView>]) -> Option<ImagedPerson> {
         let view = views[person].as_ref()?;
-        let nobody = nobody_beside(view, views);
+        let figure = nearest_unreal_figure(view, views);
         let mut keypoints = [KeypointPeaks::default(); N_KEYPOINTS];
         for (k, evidence) in keypoints.iter_mut().enumerate() {
-            if let Some(at_px) = view.found_px[k] {
+            if let Some(at_px) = view.keypoints_px[k] {
                 let draws = self.streams[person][k].draws();
                 *evidence = self.evidence(k, at_px, &draws, (view, views));
-                let shown = nobody.filter(|_| draws.leaks && evidence.in_the_open);
-                if let Some((leak, nobody)) = self.profile.leak.zip(shown) {
-                    evidence.leaked = nobody.in_the_open(k).map(|at_px| SimulatedPeak {
+                let shown = figure.filter(|_| draws.leaks && evidence.in_the_open);
+                if let Some((leak, figure)) = self.profile.leak.zip(shown) {
+                    evidence.leaked = figure.in_the_open(k).map(|at_px| SimulatedPeak {
                         at_px,
                         height: leak.height,
                     });
@@ -308,7 +302,7 @@ impl CameraFaults {
         })
     }
 
-    /// The peaks in the map of keypoint `k` of whom `view` shows.
+    /// The peaks in the map of keypoint `k` of the person of `view`.
     fn evidence(
         &self,
         k: usize,
@@ -329,11 +323,11 @@ impl CameraFaults {
         KeypointPeaks {
             own: height.map(|height| peak(at_px, height)),
             mirrored: height.zip(draws.mirror).and_then(|(height, share)| {
-                let at_px = view.found_px[super::opposite(k)?]?;
+                let at_px = view.keypoints_px[super::opposite(k)?]?;
                 Some(peak(at_px, height * share))
             }),
             leaked: leak.filter(|_| draws.leaks).and_then(|leak| {
-                let at_px = views[by_other?].as_ref()?.found_px[k]?;
+                let at_px = views[by_other?].as_ref()?.keypoints_px[k]?;
                 Some(peak(at_px, leak.height))
             }),
             in_the_open: by_other.is_none(),
@@ -342,14 +336,14 @@ impl CameraFaults {
 }
 
 impl PersonInView {
-    /// Where keypoint `k` is found, if no other body covers it.
+    /// The position of keypoint `k`, if no other body covers it.
     fn in_the_open(&self, k: usize) -> Option<Vector2<f64>> {
-        self.found_px[k].filter(|_| self.covered[k].by_other.is_none())
+        self.keypoints_px[k].filter(|_| self.covered[k].by_other.is_none())
     }
 }
 
-/// The reflection or poster that is seen nearest to the person of `view`.
-fn nobody_beside<'a>(
+/// The reflection or poster nearest to the person of `view` in the image.
+fn nearest_unreal_figure<'a>(
     view: &PersonInView,
     views: &'a [Option<PersonInView>],
 ) -> Option<&'a PersonInView> {
@@ -364,7 +358,7 @@ fn nobody_beside<'a>(
     shown.min_by(|a, b| apart_px(a).total_cmp(&apart_px(b)))
 }
 
-/// A number that looks like none before (the finaliser of splitmix64).
+/// A well mixed hash of `x` (the finaliser of splitmix64).
 pub(super) fn mixed(x: u64) -> u64 {
     let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

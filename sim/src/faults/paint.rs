@@ -1,4 +1,4 @@
-//! An observation as maps, crop by crop, and as the people that a detector finds.
+//! Paints an observation as maps, crop by crop, and lists the people that a detector finds.
 
 use farfield_edge::source::{KeypointCandidate, MapCrop, MapPainter};
 use farfield_proto::frames::Pixel;
@@ -11,17 +11,18 @@ use super::observe::{
 };
 use super::streams::N_KEYPOINTS;
 
-/// By what the box around a found person's keypoints is grown to become a detector's crop.
+/// A detector's crop is the bounding box of a person's keypoints, enlarged by this factor.
 const DETECTION_MARGIN: f64 = 1.25;
-/// Mean brightness of pictures that nobody renders, 0 to 255.
+/// Mean brightness reported for pictures that are not rendered, 0 to 255.
 const BRIGHTNESS: f64 = 128.0;
-/// Below half a step of a cell's value nothing is drawn.
+/// Values below half a step of a cell are not drawn.
 const HALF_STEP: f64 = 0.5 / 255.0;
 
-/// Whose crop it is: a network sees the person in the middle of its crop. That is the one of truth
-/// whose projected pelvis and neck together lie nearest to the box's projected torso and neck, among
-/// those who have one of the two inside the crop. A crop with nobody in it holds noise alone: other
-/// people show only where they leak into somebody's maps.
+/// A network describes the person in the middle of its crop.
+///
+/// This is the person whose projected pelvis and neck together are nearest to the box's projected
+/// torso and neck, among those with at least one of the two inside the crop. A crop without a
+/// person contains only noise. Other people appear only where they leak into the maps of a person.
 impl MapPainter for MapObservation {
     fn paint(&self, crop: &MapCrop<'_>, into: &mut Maps) {
         let owner = self.owner(crop);
@@ -52,14 +53,15 @@ impl MapPainter for MapObservation {
         }
     }
 
-    /// No two ticks of a camera have the same noise, and only a black picture has none to tell it by.
+    /// The noise identifies a picture: no two ticks of a camera share it, and only a black picture
+    /// has none.
     fn picture_sample(&self) -> Option<(u64, f64)> {
         let is_black = self.noise_key == 0;
         Some((self.noise_key, if is_black { 0.0 } else { BRIGHTNESS }))
     }
 
-    /// Who has at least six keypoints in the image that no other body covers. A keypoint is where
-    /// its highest peak is, be it the wrong one, as a network's maps of that person would say.
+    /// The people with at least six keypoints in the image that no other body covers. The position
+    /// of a keypoint is its highest peak, even a false one, as in the maps of a real network.
     fn persons(&self) -> Vec<Vec<Option<KeypointCandidate>>> {
         self.people
             .iter()
@@ -115,28 +117,27 @@ fn cell_of(grid: &CellGrid, px: Vector2<f64>) -> Vector2<f64> {
     grid.cell(Pixel::new(px.x, px.y))
 }
 
-/// Whether a cell position lies in one of the grid's cells.
+/// Whether a cell position is inside the grid.
 fn is_inside(grid: &CellGrid, cell: Vector2<f64>) -> bool {
     let within = |c: f64, size: u16| (-0.5..f64::from(size) - 0.5).contains(&c);
     within(cell.x, grid.width) && within(cell.y, grid.height)
 }
 
-/// A value of 0 or more as a cell, as [`farfield_proto::patch::quantize`] but without its call of
-/// the C library's rounding, which is most of the time of painting.
+/// As [`farfield_proto::patch::quantize`] for values of 0 or more, without its call to the C
+/// library's rounding, which would take most of the painting time.
 fn quantized(value: f32) -> u8 {
     // `as` saturates.
     (value * 255.0 + 0.5) as u8
 }
 
-/// Draws into one map.
 struct MapBrush {
-    /// Cells.
+    /// Width of peaks, cells.
     sigma: f64,
     /// Highest noise, 0 to 1.
     noise: f64,
-    /// Cells below are dropped afterwards.
+    /// Cells below this value are dropped later.
     floor: u8,
-    /// Says the noise of every cell of this map.
+    /// Key of this map's noise.
     key: u64,
 }
 
@@ -148,7 +149,7 @@ impl MapBrush {
         self.noise as f32 * share
     }
 
-    /// Noise in every cell, where any of it could be kept.
+    /// Fills every cell with noise, unless the floor drops all of it.
     fn fill(&self, cells: &mut [u8]) {
         if quantized(self.noise as f32) < self.floor || self.noise <= 0.0 {
             return;
@@ -158,8 +159,8 @@ impl MapBrush {
         }
     }
 
-    /// Draws a Gaussian around `center` (cells) into a map of rows of `width` cells, where it is
-    /// higher than what is there, wherever it could be kept.
+    /// Draws a Gaussian around `center` (cells) into a map with rows of `width` cells. Each cell
+    /// keeps its maximum; cells below the floor are skipped.
     fn draw(&self, cells: &mut [u8], width: usize, center: Vector2<f64>, height: f64) {
         let least = (f64::from(self.floor) / 255.0 - HALF_STEP - self.noise).max(HALF_STEP);
         if height <= least || width == 0 {
@@ -180,8 +181,7 @@ impl MapBrush {
         }
     }
 
-    /// A Gaussian of height 1 along one axis: its values at the cells that it reaches, and which
-    /// these are.
+    /// A Gaussian of height 1 along one axis: writes its values and returns the range of its cells.
     fn profile(
         &self,
         center: f64,
@@ -215,7 +215,7 @@ mod tests {
     use super::*;
     use crate::fault_profile::{FaultProfile, Leak};
 
-    /// The crop of a box around somebody, with cells of 6 pixels.
+    /// The crop of a box around a person, with cells of 6 pixels.
     struct TestCrop {
         region: CameraBox,
         grid: CellGrid,
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_peak_is_a_gaussian_of_the_sources_sigma() {
+    fn a_peak_is_a_gaussian_with_the_sigma_of_the_source() {
         let subject = standing(0.0, 0.0);
         let crop = TestCrop::of(&subject);
         let site_m = subject.sites_m[LEFT_KNEE];
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crop_belongs_to_whoever_is_in_its_middle() {
+    fn a_crop_belongs_to_the_person_in_its_middle() {
         let subjects = [standing(0.0, 0.0), standing(0.0, 0.6)];
         let observation = faults(&FaultProfile::none(), 2).observe(0, &all(subjects.clone()));
         for (i, subject) in subjects.iter().enumerate() {
@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crop_without_anybody_holds_noise_alone() {
+    fn a_crop_without_a_person_contains_only_noise() {
         let observation =
             faults(&FaultProfile::standard(), 1).observe(0, &all([standing(0.0, 0.0)]));
         let empty = TestCrop::of(&standing(0.0, 2.0));
@@ -312,18 +312,18 @@ mod tests {
                 counts[usize::from(cell)] += 1;
             }
         }
-        // 0.02 is 5.1 cells' values: 0 takes half a step, 5 what is left over.
+        // A noise of 0.02 is 5.1 steps: value 0 takes half a step, value 5 the rest.
         let total = f64::from(counts.iter().sum::<u32>());
         for (value, expected) in [0.5, 1.0, 1.0, 1.0, 1.0, 0.6].into_iter().enumerate() {
             let share = f64::from(counts[value]) / total;
             assert_near("share of a value", share, expected / 5.1, 0.01);
         }
-        let kept = empty.painted(&observation, 15);
-        assert!((0..17).all(|k| kept.cells(k).iter().all(|&c| c == 0)));
+        let cut = empty.painted(&observation, 15);
+        assert!((0..17).all(|k| cut.cells(k).iter().all(|&c| c == 0)));
     }
 
     #[test]
-    fn leaving_out_what_the_floor_drops_changes_nothing_else() {
+    fn skipping_cells_below_the_floor_changes_no_other_cell() {
         let behind = standing(0.0, 0.0);
         let crop = TestCrop::of(&behind);
         let subjects = all([behind, standing(-1.0, 0.05)]);
@@ -344,7 +344,7 @@ mod tests {
 
     #[test]
     fn a_leak_outside_the_crop_is_not_painted() {
-        // The nearer one's ankles are below the crop of the farther one.
+        // The ankles of the nearer person are below the crop of the farther one.
         let behind = standing(0.0, 0.0);
         let crop = TestCrop::of(&behind);
         let subjects = all([behind, standing(-3.5, 0.0)]);
@@ -374,18 +374,20 @@ mod tests {
     }
 
     #[test]
-    fn a_detector_finds_those_who_are_not_hidden_by_others() {
+    fn a_detector_finds_people_not_hidden_by_others() {
         let aside = standing(0.0, 2.0);
         let truth_px = projected(&aside.sites_m[NOSE]);
         let subjects = all([standing(0.0, 0.0), standing(-1.0, 0.02), aside]);
         let none = FaultProfile::none();
-        let found = faults(&none, 3).observe(0, &subjects).persons();
-        assert_eq!(found.len(), 2);
-        assert!(found.iter().all(|person| person.len() == 17));
+        let detections = faults(&none, 3).observe(0, &subjects).persons();
+        assert_eq!(detections.len(), 2);
+        assert!(detections.iter().all(|person| person.len() == 17));
         let camera = camera();
-        let nose_px = camera.undistort(found[1][NOSE].unwrap().position).unwrap();
+        let nose_px = camera
+            .undistort(detections[1][NOSE].unwrap().position)
+            .unwrap();
         assert!((nose_px.vector_px() - truth_px).norm() < 1e-6);
-        // With faults, what is missing is not found and what is hidden has a low score.
+        // With faults, missing keypoints are not detected and hidden ones have a low score.
         let mut with_faults = faults(&FaultProfile::standard(), 3);
         let scores: Vec<Option<f32>> = (0..200)
             .flat_map(|tick| with_faults.observe(tick, &subjects).persons())

@@ -1,8 +1,8 @@
-//! The random draws of faults: one `ChaCha8` stream per fault, camera, person and keypoint of a seed.
+//! The random draws of faults: one `ChaCha8` stream per fault, camera, person and keypoint.
 //!
-//! No draw moves another: switching one fault off, adding a camera or a person leaves all other
-//! draws as they are. Every stream runs from tick 0 and advances tick by tick, whether the person is
-//! there or not, so that its value at a tick does not depend on which ticks were asked for.
+//! Streams are independent: to disable a fault, or to add a camera or a person, changes no other
+//! draw. Every stream starts at tick 0 and advances tick by tick, also while the person is absent.
+//! So its value at a tick does not depend on the order of requests.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -12,10 +12,11 @@ use rand_chacha::ChaCha8Rng;
 use crate::fault_profile::FaultProfile;
 use crate::normal::box_muller;
 
-/// Keypoints of a person: COCO's.
+/// Keypoints of a person, as in COCO.
 pub(super) const N_KEYPOINTS: usize = 17;
 
-/// What is drawn. The numbers are part of every seed's meaning; a scene's own draws lie below.
+/// What is drawn. The numbers are part of the meaning of every seed; the scene's own draws use
+/// lower numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum DrawnFault {
     Bias = 16,
@@ -27,7 +28,7 @@ pub(super) enum DrawnFault {
     Timing = 22,
 }
 
-/// Who a stream belongs to.
+/// The owner of a stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct StreamOwner {
     pub(super) camera: u16,
@@ -35,7 +36,6 @@ pub(super) struct StreamOwner {
     pub(super) keypoint: u16,
 }
 
-/// The stream of `fault` for `owner`.
 pub(super) fn stream(seed: u64, fault: DrawnFault, owner: StreamOwner) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let parts = [fault as u16, owner.camera, owner.person, owner.keypoint];
@@ -43,14 +43,14 @@ pub(super) fn stream(seed: u64, fault: DrawnFault, owner: StreamOwner) -> ChaCha
     rng
 }
 
-/// A point of a round normal distribution whose 2D RMS is 1.
+/// A point of an isotropic normal distribution with 2D RMS 1.
 fn normal_2d(rng: &mut ChaCha8Rng) -> [f64; 2] {
     // 1 - u is never 0.
     let u = 1.0 - rng.random::<f64>();
     box_muller(u, rng.random(), FRAC_1_SQRT_2)
 }
 
-/// A first-order autoregressive point of 2D RMS 1.
+/// A first-order autoregressive point with 2D RMS 1.
 #[derive(Debug, Clone)]
 struct Drift {
     rng: ChaCha8Rng,
@@ -61,7 +61,7 @@ struct Drift {
 
 impl Drift {
     fn new(mut rng: ChaCha8Rng, time_constant_ticks: f64) -> Self {
-        // At 0 the quotient is -inf, and the error white.
+        // At 0 the quotient is -inf and the error is white.
         let keep = (-1.0 / time_constant_ticks).exp();
         let value = normal_2d(&mut rng);
         Self { rng, keep, value }
@@ -75,22 +75,22 @@ impl Drift {
     }
 }
 
-/// Bursts of geometric length, with a level of their own.
+/// Bursts of geometric length, each with its own level.
 #[derive(Debug, Clone)]
 struct Bursts {
     rng: ChaCha8Rng,
-    /// Chance per tick that a burst ends, and that one begins.
+    /// Probability per tick that a burst ends, and that one begins.
     ends: f64,
     begins: f64,
-    /// Ticks that the present state still lasts, this one included.
+    /// Remaining ticks of the present state, including this one.
     left: u64,
     on: bool,
     level: f64,
 }
 
 impl Bursts {
-    /// Bursts of `burst_ticks` on average, for `share` of the time. A burst lasts a tick at least,
-    /// and longer where the share could not be had otherwise.
+    /// Bursts of `burst_ticks` on average, for `share` of the time. A burst lasts at least one
+    /// tick, and longer where `share` requires it.
     fn new(mut rng: ChaCha8Rng, share: f64, burst_ticks: f64) -> Self {
         let ends = (1.0 / burst_ticks).min((1.0 - share) / share).min(1.0);
         let begins = if share < 1.0 {
@@ -167,35 +167,35 @@ impl Spells {
     }
 }
 
-/// Ticks until something happens that happens with `chance` per tick: at least 1.
+/// Ticks until an event with probability `chance` per tick: at least 1.
 fn geometric(rng: &mut ChaCha8Rng, chance: f64) -> u64 {
     let u: f64 = 1.0 - rng.random::<f64>();
     if chance >= 1.0 {
         1
     } else {
-        // `as` saturates where the chance is 0.
+        // `as` saturates when the chance is 0.
         1_u64.saturating_add((u.ln() / (-chance).ln_1p()) as u64)
     }
 }
 
-/// What is drawn for one keypoint of one person in one camera at one tick, before anybody asks
-/// where it is or what covers it.
+/// The draws for one keypoint of one person in one camera at one tick, independent of its position
+/// and of what covers it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct KeypointDraws {
     /// Bias and jitter, of 2D RMS 1.
     pub(super) bias: [f64; 2],
     pub(super) jitter: [f64; 2],
-    /// Height of the mirrored peak in heights of the true one, while there is one.
+    /// Height of the mirrored peak relative to the true one, during a burst.
     pub(super) mirror: Option<f64>,
-    /// Whether the other's keypoint would show if another body covered this one.
+    /// Whether the other person's keypoint shows if another body covers this one.
     pub(super) leaks: bool,
-    /// Height of the peak if a body covered it; `None`: there would be none.
+    /// Height of the peak if a body covers the keypoint; `None`: no peak.
     pub(super) hidden: Option<f64>,
     /// Whether there is no peak.
     pub(super) missing: bool,
 }
 
-/// The streams of one keypoint of one person in one camera; those of switched off faults rest.
+/// The streams of one keypoint of one person in one camera; streams of disabled faults are absent.
 #[derive(Debug, Clone)]
 pub(super) struct KeypointStreams {
     bias: Option<Drift>,
@@ -207,7 +207,7 @@ pub(super) struct KeypointStreams {
 }
 
 impl KeypointStreams {
-    /// At tick 0, for ticks of `rate_hz`.
+    /// The streams at tick 0, for ticks of `rate_hz`.
     pub(super) fn new(profile: &FaultProfile, rate_hz: f64, seed: u64, owner: StreamOwner) -> Self {
         let rng = |fault| stream(seed, fault, owner);
         Self {
@@ -240,7 +240,6 @@ impl KeypointStreams {
         }
     }
 
-    /// Goes on to the next tick.
     pub(super) fn advance(&mut self) {
         if let Some(bias) = &mut self.bias {
             bias.advance();
@@ -262,7 +261,6 @@ impl KeypointStreams {
         }
     }
 
-    /// What is drawn at this tick.
     pub(super) fn draws(&self) -> KeypointDraws {
         let within = |[least, most]: [f64; 2], level: f64| least + (most - least) * level;
         KeypointDraws {

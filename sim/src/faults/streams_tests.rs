@@ -1,14 +1,14 @@
-//! The streams of faults come with the shares and lengths that the profile says.
+//! The streams of faults have the shares and lengths of the profile.
 
 use super::*;
 use crate::fault_profile::{Bias, Hidden, Leak, MirrorFault, Missing};
 
 const RATE_HZ: f64 = 60.0;
-/// Ticks of a long run, and streams that are averaged over: sampling errors of a few percent.
+/// Ticks of a long run, and number of averaged streams: sampling errors of a few percent.
 const TICKS: usize = 20_000;
 const OWNERS: u16 = 24;
 
-/// The draws of left wrists of many persons, `[person][tick]`.
+/// The draws of the left wrists of many people, `[person][tick]`.
 fn long_runs(profile: &FaultProfile, seed: u64) -> Vec<Vec<KeypointDraws>> {
     let run = |person| {
         let owner = StreamOwner {
@@ -43,7 +43,8 @@ fn assert_near(what: &str, got: f64, expected: f64, tolerance: f64) {
     );
 }
 
-/// Mean length in ticks of the runs in which `on` holds, those that were cut by an end left out.
+/// Mean length in ticks of the runs in which `on` is true, without runs cut by the start or the
+/// end.
 fn mean_run(runs: &[Vec<KeypointDraws>], on: impl Fn(&KeypointDraws) -> bool) -> f64 {
     let lengths = runs.iter().flat_map(|run| {
         let groups: Vec<_> = run.chunk_by(|a, b| on(a) == on(b)).collect();
@@ -61,13 +62,13 @@ fn correlation(runs: &[Vec<KeypointDraws>], lag: usize, of: impl Fn(&KeypointDra
 }
 
 #[test]
-fn the_bias_has_rms_1_and_falls_to_1_by_e_in_its_time_constant() {
+fn the_bias_has_rms_1_and_decays_with_its_time_constant() {
     let runs = long_runs(&FaultProfile::standard(), 1);
     let square = mean(runs.iter().flatten().map(|d| {
         let [x, y] = d.bias;
         x * x + y * y
     }));
-    // 24 runs of 333 s hold about 24 x 333 / 4 s = 2000 independent values of two axes.
+    // 24 runs of 333 s contain about 24 x 333 / 4 s = 2000 independent values of two axes.
     assert_near("mean square", square, 1.0, 0.1);
     for axis in [0, 1] {
         let at = |s: f64| correlation(&runs, (s * RATE_HZ) as usize, |d| d.bias[axis]);
@@ -110,7 +111,7 @@ fn streams_of_other_owners_are_independent() {
 }
 
 #[test]
-fn mirrored_peaks_come_in_bursts_of_their_share_and_height() {
+fn mirrored_peaks_have_the_share_and_height_of_the_profile() {
     let runs = long_runs(&FaultProfile::standard(), 4);
     let share = mean(runs.iter().flatten().map(|d| f64::from(d.mirror.is_some())));
     // About 800 bursts.
@@ -148,7 +149,7 @@ fn only_limbs_are_mirrored() {
 }
 
 #[test]
-fn missing_peaks_come_in_bursts_of_their_share() {
+fn missing_peaks_have_the_share_of_the_profile() {
     let runs = long_runs(&FaultProfile::standard(), 5);
     let share = mean(runs.iter().flatten().map(|d| f64::from(d.missing)));
     // About 400 bursts.
@@ -157,12 +158,12 @@ fn missing_peaks_come_in_bursts_of_their_share() {
 }
 
 #[test]
-fn half_of_the_bursts_leak_and_a_fifth_of_the_hidden_have_no_peak() {
+fn half_the_bursts_leak_and_a_fifth_of_hidden_ones_have_no_peak() {
     let runs = long_runs(&FaultProfile::standard(), 6);
     let leaks = mean(runs.iter().flatten().map(|d| f64::from(d.leaks)));
     // About 27000 bursts.
     assert_near("leaks", leaks, 0.5, 0.015);
-    // Bursts follow each other, so that one in two ends a leak: twice the length.
+    // Bursts follow each other, so every second end ends a leak: twice the length.
     let length = mean_run(&runs, |d| d.leaks);
     assert_near("length of leaks", length, 2.0 * 0.3 * RATE_HZ, 2.0);
     let gone = mean(runs.iter().flatten().map(|d| f64::from(d.hidden.is_none())));
@@ -175,7 +176,7 @@ fn half_of_the_bursts_leak_and_a_fifth_of_the_hidden_have_no_peak() {
 }
 
 #[test]
-fn the_share_is_kept_at_every_rate_and_at_both_ends() {
+fn the_share_holds_at_every_rate_and_at_0_and_1() {
     for (share, burst_s, expected) in [
         (0.3, 0.001, 0.3),
         (0.8, 0.001, 0.8),
@@ -195,7 +196,7 @@ fn the_share_is_kept_at_every_rate_and_at_both_ends() {
 }
 
 #[test]
-fn switching_a_fault_off_changes_no_other() {
+fn disabling_a_fault_changes_no_other_draw() {
     let all = long_runs(&FaultProfile::standard(), 9);
     let profile = FaultProfile {
         jitter: None,
@@ -214,7 +215,7 @@ fn switching_a_fault_off_changes_no_other() {
 }
 
 #[test]
-fn a_seed_says_everything() {
+fn a_seed_determines_all_draws() {
     let profile = FaultProfile::standard();
     assert_eq!(long_runs(&profile, 10), long_runs(&profile, 10));
     assert_ne!(long_runs(&profile, 10), long_runs(&profile, 11));

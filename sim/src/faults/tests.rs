@@ -1,4 +1,4 @@
-//! What cameras make of people who stand still, so that every change is a fault.
+//! Observations of people who stand still, so that every change is a fault.
 
 use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::body::skeleton::{Joint, Kinematics, Pose, Proportions, Skeleton};
@@ -18,14 +18,13 @@ use crate::scene::PersonTruth;
 
 const RATE_HZ: f64 = 60.0;
 const STATURE_M: f64 = 1.75;
-/// Wrists, and what else of the body the tests name.
+/// COCO indices of the keypoints in these tests.
 pub(super) const NOSE: usize = 0;
 const LEFT_WRIST: usize = 9;
 const RIGHT_WRIST: usize = 10;
 pub(super) const LEFT_KNEE: usize = 13;
 
-/// A camera at hip height on the x axis that looks along it, and draws a person at 6 m about 340
-/// pixels high.
+/// A camera at hip height that looks along the x axis; a person at 6 m is about 340 pixels high.
 pub(super) fn camera() -> CameraModel {
     let intrinsics = Intrinsics {
         fx_px: 1200.0,
@@ -41,7 +40,7 @@ pub(super) fn camera() -> CameraModel {
     CameraModel::new("c", [1280, 800], intrinsics, distortion, pose).unwrap()
 }
 
-/// Somebody who stands on (x, y) with hanging arms and looks at the camera.
+/// A person at (x, y) with hanging arms who looks at the camera.
 pub(super) fn standing(x: f64, y: f64) -> Subject {
     let mut body = Kinematics::default();
     let turned = UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::PI);
@@ -58,7 +57,7 @@ pub(super) fn standing(x: f64, y: f64) -> Subject {
     Subject::new(&truth, &build)
 }
 
-/// All of these are there.
+/// All of these as present people.
 pub(super) fn all<const N: usize>(subjects: [Subject; N]) -> Vec<Option<Subject>> {
     subjects.map(Some).to_vec()
 }
@@ -67,7 +66,7 @@ pub(super) fn faults(profile: &FaultProfile, n_people: usize) -> CameraFaults {
     CameraFaults::new(camera(), 1, n_people, profile.clone(), (5, RATE_HZ))
 }
 
-/// All but noise, so that maps hold peaks alone.
+/// The standard profile without noise, so that maps contain only peaks.
 fn without_noise() -> FaultProfile {
     FaultProfile {
         noise: None,
@@ -75,7 +74,7 @@ fn without_noise() -> FaultProfile {
     }
 }
 
-/// What is seen of the first of `subjects` at each of `ticks` ticks.
+/// The observations of the first of `subjects` over `ticks` ticks.
 fn watched(profile: &FaultProfile, subjects: &[Option<Subject>], ticks: u64) -> Vec<ImagedPerson> {
     let mut faults = faults(profile, subjects.len());
     (0..ticks)
@@ -93,7 +92,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / n
 }
 
-/// RMS of the distance of own peaks from the true place, metres at the person's depth of 6 m.
+/// RMS distance of own peaks from the true position, metres at the person's depth of 6 m.
 fn rms_m(seen: &[ImagedPerson], subject: &Subject, keypoint: usize) -> f64 {
     let truth_px = projected(&subject.sites_m[keypoint]);
     let peaks = seen.iter().filter_map(|s| s.keypoints[keypoint].own);
@@ -134,7 +133,7 @@ fn errors_have_their_rms_in_metres_at_the_persons_depth() {
         let expected = 0.1 * sigma * 0.71;
         assert_near("jitter", rms / expected, 1.0, 0.03);
     }
-    // A bias of 2 s needs long runs: keypoints and runs are averaged.
+    // A bias of 2 s needs long runs, so keypoints and runs are averaged.
     let only_bias = FaultProfile {
         bias: Some(Bias::default()),
         ..FaultProfile::none()
@@ -155,7 +154,7 @@ fn errors_have_their_rms_in_metres_at_the_persons_depth() {
 }
 
 #[test]
-fn what_a_body_covers_is_guessed() {
+fn covered_keypoints_have_larger_errors() {
     let behind = standing(0.0, 0.0);
     let subjects = all([behind.clone(), standing(-1.0, 0.05)]);
     let profile = FaultProfile {
@@ -209,7 +208,7 @@ fn the_own_body_hides_a_keypoint_and_leaks_nothing() {
 }
 
 #[test]
-fn the_keypoint_of_whoever_stands_before_leaks_in() {
+fn the_keypoint_of_the_person_in_front_leaks_in() {
     let other = standing(-1.0, 0.05);
     let keypoint = 12;
     let other_px = projected(&other.sites_m[keypoint]);
@@ -232,14 +231,14 @@ fn the_keypoint_of_whoever_stands_before_leaks_in() {
         }
     }
     assert_near("leaks", f64::from(leaked) / seen.len() as f64, 0.5, 0.06);
-    // Whoever stands before is not touched.
+    // The person in front is not affected.
     let mut faults = faults(&profile, 2);
     let before = &faults.observe(0, &subjects).people[1];
     assert!(before.keypoints.iter().all(|e| e.leaked.is_none()));
 }
 
 #[test]
-fn a_mirrored_peak_is_the_opposite_limb_as_it_is_found() {
+fn a_mirrored_peak_is_at_the_opposite_limbs_own_peak() {
     let subjects = all([standing(0.0, 0.0)]);
     let always = FaultProfile {
         mirror: Some(MirrorFault {
@@ -269,7 +268,7 @@ fn a_mirrored_peak_is_the_opposite_limb_as_it_is_found() {
 }
 
 #[test]
-fn what_is_outside_the_image_or_behind_the_camera_has_no_evidence() {
+fn keypoints_outside_the_image_have_no_peak() {
     // The image shows 3.3 m to either side at 6 m.
     let mut subjects = all([standing(0.0, 3.3), standing(0.0, 5.0), standing(-12.0, 0.0)]);
     subjects.push(None);
@@ -281,7 +280,7 @@ fn what_is_outside_the_image_or_behind_the_camera_has_no_evidence() {
 }
 
 #[test]
-fn the_order_of_questions_does_not_matter() {
+fn observations_do_not_depend_on_the_order_of_calls() {
     let subjects = [Some(standing(0.0, 0.0)), None, Some(standing(-1.0, 0.05))];
     let profile = FaultProfile::standard();
     let mut in_order = faults(&profile, 3);
@@ -296,7 +295,7 @@ fn the_order_of_questions_does_not_matter() {
             assert_eq!((a.person, a.keypoints), (b.person, b.keypoints));
         }
     }
-    // Whether somebody was there before does not matter either.
+    // The result does not depend on earlier people either.
     let mut late = faults(&profile, 3);
     late.observe(10, &[None, None, None]);
     let seen = &late.observe(41, &subjects).people[1];
@@ -326,18 +325,18 @@ fn a_free_running_camera_has_an_offset_of_its_own_within_half_a_frame() {
     assert_eq!(offset(&free, 7), offset(&free, 7));
 }
 
-/// Every peak of an observation, by person and keypoint.
+/// All peaks of an observation, by person and keypoint.
 fn evidence(observation: &MapObservation) -> Vec<(usize, [KeypointPeaks; 17])> {
     let people = observation.people.iter();
     people.map(|seen| (seen.person, seen.keypoints)).collect()
 }
 
 #[test]
-fn cameras_that_share_their_people_see_what_each_sees_alone() {
+fn cameras_that_share_a_crowd_observe_the_same_as_alone() {
     let scene = Arc::new(embedded::scene("five").unwrap());
     let crowd = Arc::new(SceneCrowd::new(Arc::clone(&scene)));
     for camera in [0, 5] {
-        let mut sharing = MapFaults::of(Arc::clone(&crowd), camera);
+        let mut sharing = MapFaults::with_crowd(Arc::clone(&crowd), camera);
         let mut alone = MapFaults::new(Arc::clone(&scene), camera);
         for tick in [0, 30, 10] {
             let [a, b] = [&mut sharing, &mut alone].map(|maps| maps.observe(Tick(tick)));
@@ -348,7 +347,7 @@ fn cameras_that_share_their_people_see_what_each_sees_alone() {
 }
 
 #[test]
-fn a_free_running_camera_sees_the_moment_of_its_capture() {
+fn a_free_running_camera_observes_the_moment_of_its_capture() {
     let profile = FaultProfile {
         free_running: true,
         ..FaultProfile::none()

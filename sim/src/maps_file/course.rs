@@ -6,30 +6,30 @@ use farfield_proto::tick::Tick;
 
 use crate::scene::Scene;
 
-/// How long people take to stop at an end of the scene, and to set out on the way back, seconds.
+/// Time that people take to stop at an end of the scene, and to start on the way back, seconds.
 const TURN_S: f64 = 1.0;
 
-/// Which moment of a scene each tick of a recording shows.
+/// The mapping from the ticks of a recording to the time of a scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Course {
-    /// Every tick its own moment.
+    /// Every tick shows its own moment.
     Once {
         /// The scene's time at the first tick, seconds.
         start_s: f64,
     },
-    /// There and back, again and again: at either end time slows down to a halt within `TURN_S` and
-    /// then runs the other way, so that nobody jumps and nobody's speed does.
+    /// Forwards and backwards, repeated. At either end time slows down to a stop within `TURN_S`
+    /// and then runs backwards, so positions and speeds have no jumps.
     ThereAndBack {
         /// The scene's time at the first tick, seconds.
         start_s: f64,
-        /// Length of the way that is gone, seconds of the scene.
+        /// Length of the covered part, seconds of the scene.
         length_s: f64,
     },
 }
 
 impl Course {
-    /// The course through `ticks` of `scene`, and how many ticks its recording has: as many once, a
-    /// whole period there and back.
+    /// The course through `ticks` of `scene`, and the number of ticks of its recording: the same
+    /// number for one pass, a whole period for forwards and backwards.
     pub fn new(scene: &Scene, ticks: &Range<Tick>, there_and_back: bool) -> (Self, u32) {
         let n = u32::try_from(ticks.end - ticks.start).unwrap_or(0);
         let start_s = scene.time_s(ticks.start);
@@ -43,14 +43,14 @@ impl Course {
         (Self::ThereAndBack { start_s, length_s }, 2 * one_way)
     }
 
-    /// The scene's time `elapsed_s` after the recording's first tick, seconds.
+    /// The scene's time `elapsed_s` after the first tick of the recording, seconds.
     pub fn time_s(&self, elapsed_s: f64) -> f64 {
         match *self {
             Self::Once { start_s } => start_s + elapsed_s,
             Self::ThereAndBack { start_s, length_s } => {
                 let one_way_s = length_s + TURN_S;
                 let phase_s = elapsed_s.rem_euclid(2.0 * one_way_s);
-                // The way back is the way there in a mirror.
+                // The way back mirrors the way there.
                 let on_the_way_s = if phase_s <= one_way_s {
                     phase_s
                 } else {
@@ -62,7 +62,7 @@ impl Course {
     }
 }
 
-/// How far along a way of `length_s` one is after `t_s`: speed 0 at both ends, 1 between.
+/// Distance along a way of `length_s` after `t_s`; the speed is 0 at both ends and 1 between.
 ///
 /// ```text
 ///   t^2 / 2 T  for t < T,   t - T / 2  between,   L - (L + T - t)^2 / 2 T  for t > L        T: TURN_S
@@ -84,7 +84,7 @@ mod tests {
     use crate::embedded;
 
     #[test]
-    fn once_is_the_scenes_own_time() {
+    fn a_single_pass_follows_the_time_of_the_scene() {
         let scene = embedded::scene("futsal").unwrap();
         let (course, n) = Course::new(&scene, &(Tick(30)..Tick(90)), false);
         assert_eq!(n, 60);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn there_and_back_nobody_jumps_and_no_speed_does() {
+    fn there_and_back_has_no_jump_in_position_or_speed() {
         let scene = embedded::scene("futsal").unwrap();
         let (course, n) = Course::new(&scene, &(Tick(0)..Tick(301)), true);
         assert_eq!(n, 2 * (300 + 60));
@@ -102,7 +102,7 @@ mod tests {
         for tick in 0..2 * n {
             let speed = at(tick + 1) - at(tick);
             assert!(speed.abs() <= dt_s + 1e-12);
-            // From standing to going takes a second: a sixtieth of a tick's way per tick.
+            // The start takes a second: a sixtieth of the regular step per tick.
             assert!(
                 (speed - last_speed).abs() <= dt_s / 60.0 + 1e-12,
                 "tick {tick}"
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_that_is_too_short_to_turn_on_is_gone_as_far_as_a_turn_takes() {
+    fn a_very_short_way_is_extended_to_the_length_of_a_turn() {
         let scene = embedded::scene("futsal").unwrap();
         let (course, n) = Course::new(&scene, &(Tick(0)..Tick(3)), true);
         assert!(n >= 240);

@@ -1,11 +1,11 @@
-//! Maps made beforehand: what one camera's network would say at every tick of a scene, computed before
-//! a run and kept in a file, so that during the run a crop's maps cost some tens of microseconds and
-//! two cores measure the link and not the simulator.
+//! Precomputed maps: the output of one camera's simulated network at every tick of a scene, stored
+//! in a file. During a run, the maps of a crop then cost some tens of microseconds, so that a
+//! machine with two cores measures the link and not the simulator.
 //!
-//! A file holds, for every tick and person in the image, the peaks of every keypoint's map in image
-//! pixels, leaked and false ones among them; the maps of any crop are painted from them. [`Course`]
-//! says which moment of the scene each tick shows: a recording may lead back to its first tick, and is
-//! then repeated for as long as anybody asks.
+//! For every tick and person in the image, a file contains the peaks of every keypoint's map in
+//! image pixels, with leaked and false ones. The maps of any crop are painted from them. [`Course`]
+//! defines which moment of the scene each tick shows. A recording may return to its first tick; it
+//! is then repeated without end.
 //!
 //! ```text
 //! "FARFIELD-MAPS", a zero, the version: 1 byte
@@ -27,12 +27,12 @@ pub use source::MapsSource;
 pub(crate) use source::{load, same_rate, ticks_of};
 pub use write::write_maps;
 
-/// What a file begins with; the last byte is the version.
+/// Start of a file; the last byte is the version.
 const MAGIC: [u8; 15] = *b"FARFIELD-MAPS\0\x01";
 /// Bytes of the checksum at the end.
 const CHECKSUM_BYTES: usize = blake3::OUT_LEN;
 
-/// What a file says of itself.
+/// The header of a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     /// The camera's name.
@@ -45,29 +45,29 @@ pub struct Header {
     pub ticks: u32,
     /// Whether the last tick leads to the first, so that the recording has no end.
     pub repeats: bool,
-    /// Capture instant of every frame less its tick's time, microseconds.
+    /// Capture time of every frame minus the time of its tick, microseconds.
     pub capture_offset_us: i32,
-    /// How the camera fails, in tests of what becomes of a venue then.
+    /// A simulated failure of the camera, for tests.
     pub failure: Option<CameraFailure>,
 }
 
 /// A camera that fails at a tick of its recording, and does not recover.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CameraFailure {
-    /// The first tick that is wrong, counted from the recording's first.
+    /// The first affected tick, counted from the start of the recording.
     pub from: u32,
-    /// What happens.
+    /// The kind of failure.
     pub kind: FailureKind,
 }
 
 /// The ways in which a camera fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FailureKind {
-    /// The same picture comes again and again.
+    /// The same picture is repeated.
     Freezes,
     /// Pictures are black.
     TurnsBlack,
-    /// Nothing comes any more: an error.
+    /// No more frames: an error.
     Dies,
 }
 

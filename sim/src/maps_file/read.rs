@@ -1,4 +1,4 @@
-//! A file of maps, read whole and checked before anybody relies on it.
+//! Reads a file of maps and checks all of it.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -8,59 +8,59 @@ use farfield_proto::message::MAX_CAPTURE_OFFSET_US;
 use serde::de::DeserializeOwned;
 
 use super::{CHECKSUM_BYTES, Header, MAGIC};
-use crate::faults::{KeptMapObservation, MapObservation};
+use crate::faults::{MapObservation, StoredMapObservation};
 
-/// Largest file that is read, bytes.
+/// Largest accepted file, bytes.
 pub(super) const MAX_FILE_BYTES: u64 = 1 << 30;
-/// Longest name of a camera, bytes.
+/// Longest accepted name of a camera, bytes.
 const MAX_NAME_BYTES: usize = 256;
 
-/// Why bytes are not a file of maps.
+/// Why bytes are not a valid file of maps.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MapsFileError {
-    /// It is something else.
+    /// Another kind of file.
     #[error("is not a file of maps: it does not begin as one")]
     OtherFile,
-    /// It was written by another version.
+    /// A file of another version.
     #[error("is a file of maps of version {got}, expected {}", MAGIC[MAGIC.len() - 1])]
     Version {
-        /// Its version.
+        /// The version in the file.
         got: u8,
     },
-    /// It ends too early.
+    /// The file ends too early.
     #[error("was cut: it ends in {place}")]
     Cut {
-        /// In what.
+        /// The part that is cut.
         place: String,
     },
-    /// A part of it cannot be read.
+    /// A part of the file cannot be read.
     #[error("{place}: {problem}")]
     Damaged {
-        /// Which part.
+        /// The damaged part.
         place: String,
         /// What is wrong with it.
         problem: String,
     },
-    /// There is more after its end.
+    /// Extra bytes after the end.
     #[error("has {0} bytes after its end")]
     LeftOver(usize),
-    /// A byte of it was changed.
+    /// The checksum does not match.
     #[error("was changed after it was written: its checksum does not fit")]
     Checksum,
 }
 
-/// The maps of one camera, every tick of them readable.
+/// The maps of one camera; every tick is readable.
 #[derive(Debug, Clone)]
 pub struct MapsFile {
     header: Header,
     bytes: Vec<u8>,
-    /// Where the ticks' observations lie in `bytes`.
+    /// The ranges of the ticks' observations in `bytes`.
     ticks: Vec<Range<usize>>,
 }
 
 impl MapsFile {
     /// Checks `bytes`: framing, checksum, and that every tick holds an observation. Memory: the
-    /// bytes, and 16 more for each tick that is there.
+    /// bytes, and 16 more per tick.
     ///
     /// # Errors
     /// [`MapsFileError`] when anything is wrong.
@@ -83,8 +83,8 @@ impl MapsFile {
         for tick in 0..header.ticks {
             let place = format!("tick {tick} of {}", header.ticks);
             let range = record(&bytes, &mut at, &place)?;
-            let kept: KeptMapObservation = read(&bytes[range.clone()], &place)?;
-            kept.check().map_err(|problem| damaged(&place, problem))?;
+            let stored: StoredMapObservation = read(&bytes[range.clone()], &place)?;
+            stored.check().map_err(|problem| damaged(&place, problem))?;
             ticks.push(range);
         }
         let checksum = take(&bytes, &mut at, CHECKSUM_BYTES, "its checksum")?;
@@ -101,16 +101,16 @@ impl MapsFile {
         })
     }
 
-    /// What the file says of itself.
+    /// The header.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// What `camera` saw at the `tick`-th tick of the recording, or of a repetition of it; `None`
-    /// beyond the end of one that does not repeat.
+    /// The observation of `camera` at the `tick`-th tick of the recording or of a repetition.
+    /// `None` after the end of a recording that does not repeat.
     ///
     /// # Errors
-    /// [`MapsFileError::Damaged`] when the tick holds what no camera can see.
+    /// [`MapsFileError::Damaged`] when the tick holds an impossible observation.
     pub fn observation(
         &self,
         tick: u64,
@@ -122,8 +122,8 @@ impl MapsFile {
             return Ok(None);
         };
         let place = format!("tick {tick} of {n}");
-        let kept: KeptMapObservation = read(&self.bytes[range.clone()], &place)?;
-        let restored = kept.restore(camera, self.header.capture_offset_us);
+        let stored: StoredMapObservation = read(&self.bytes[range.clone()], &place)?;
+        let restored = stored.restore(camera, self.header.capture_offset_us);
         restored
             .map(Some)
             .map_err(|problem| damaged(&place, problem))
@@ -162,7 +162,6 @@ fn check_header(header: &Header) -> Result<(), MapsFileError> {
     })
 }
 
-/// The next `n` bytes.
 fn take(
     bytes: &[u8],
     at: &mut usize,
@@ -188,7 +187,7 @@ fn record(bytes: &[u8], at: &mut usize, place: &str) -> Result<Range<usize>, Map
     take(bytes, at, length, place)
 }
 
-/// A record that is nothing else.
+/// A record without trailing bytes.
 fn read<T: DeserializeOwned>(bytes: &[u8], place: &str) -> Result<T, MapsFileError> {
     match postcard::take_from_bytes(bytes) {
         Ok((value, [])) => Ok(value),

@@ -1,4 +1,4 @@
-//! A file of maps as the camera of a venue.
+//! A file of maps as a camera of a venue.
 
 use std::fs;
 use std::ops::Range;
@@ -16,13 +16,13 @@ use super::read::MAX_FILE_BYTES;
 use super::{CameraFailure, FailureKind, MapsFile};
 use crate::faults::MapObservation;
 
-/// Rates that differ by less are the same, as a share: a file may hold fewer digits.
+/// Relative difference below which two rates are equal: a file may store fewer digits.
 const RATE_TOLERANCE: f64 = 1e-6;
 
-/// Ticks of a recording that repeats: at 1000 a second it lasts 35 years.
+/// Ticks of a recording that repeats: at 1000 per second it lasts 35 years.
 const ENDLESS: i64 = 1 << 40;
 
-/// The frames of one camera, tick after tick.
+/// The frames of one camera, tick by tick.
 #[derive(Debug)]
 pub struct MapsSource {
     file: Arc<MapsFile>,
@@ -30,16 +30,16 @@ pub struct MapsSource {
     camera: Arc<CameraModel>,
     /// The next tick of the recording.
     next: u64,
-    /// Tick of the venue at the recording's first.
+    /// The venue's tick of the first tick of the recording.
     first: Tick,
-    /// What a camera that has frozen shows.
+    /// The repeated picture of a frozen camera.
     frozen: Option<Arc<MapObservation>>,
 }
 
 /// Reads and checks the file at `path` for `camera` of `venue`.
 ///
 /// # Errors
-/// [`SourceError`] when it is not there, is damaged, or belongs to another camera or venue.
+/// [`SourceError`] when the file is absent, is damaged, or belongs to another camera or venue.
 pub(crate) fn load(
     path: &Path,
     camera: &VenueCamera,
@@ -85,7 +85,7 @@ pub(crate) fn load(
     Ok(file)
 }
 
-/// The ticks of a file in a venue whose first is `first`.
+/// The venue's ticks of a file that starts at `first`.
 pub(crate) fn ticks_of(file: &MapsFile, first: Tick) -> Range<Tick> {
     let header = file.header();
     let n = if header.repeats {
@@ -100,7 +100,7 @@ impl MapsSource {
     /// The frames of `file` from tick `from` of the venue on.
     ///
     /// # Errors
-    /// [`SourceError::OutsideClip`] when it has no such tick.
+    /// [`SourceError::OutsideClip`] when the file has no such tick.
     pub fn new(
         file: Arc<MapsFile>,
         path: &Path,
@@ -142,7 +142,7 @@ impl MapsSource {
         Ok(seen.map(Arc::new))
     }
 
-    /// What a camera shows that has failed.
+    /// The output of a camera that has failed.
     fn failed(&mut self, failure: CameraFailure) -> Result<Arc<dyn MapPainter>, SourceError> {
         match failure.kind {
             FailureKind::TurnsBlack => Ok(Arc::new(MapObservation::black(&self.camera))),
@@ -189,7 +189,6 @@ impl FrameSource for MapsSource {
     }
 }
 
-/// Whether a recording's rate is the venue's.
 pub(crate) fn same_rate(found_hz: f64, expected_hz: f64) -> bool {
     (found_hz - expected_hz).abs() <= RATE_TOLERANCE * expected_hz
 }

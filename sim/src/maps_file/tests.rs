@@ -1,4 +1,4 @@
-//! What is read is what was written, whatever is done to the file on the way is said.
+//! A file is read back as it was written, and every damage is refused.
 
 use std::sync::{Arc, LazyLock};
 
@@ -34,7 +34,7 @@ fn once(scene: &Arc<Scene>) -> Vec<u8> {
     written(scene, (Course::Once { start_s: 0.0 }, TICKS))
 }
 
-/// The maps of a crop around the middle of whom a detector finds first.
+/// The maps of a crop around the first person that a detector finds.
 fn painted(observation: &MapObservation, scene: &Scene) -> Maps {
     let camera = &scene.cameras()[0];
     let persons = observation.persons();
@@ -71,20 +71,20 @@ fn painted(observation: &MapObservation, scene: &Scene) -> Maps {
 }
 
 #[test]
-fn maps_made_beforehand_are_those_that_would_be_made() {
+fn precomputed_maps_equal_directly_painted_ones() {
     let scene = court();
     let file = MapsFile::parse(once(&scene)).unwrap();
     let camera = Arc::new(scene.cameras()[0].clone());
     assert_eq!(file.header().camera, camera.name());
     let mut made = MapFaults::new(Arc::clone(&scene), 0);
     for tick in 0..u64::from(TICKS) {
-        let kept = file.observation(tick, &camera).unwrap().unwrap();
+        let stored = file.observation(tick, &camera).unwrap().unwrap();
         let made = made.observe(Tick(tick.cast_signed()));
-        let (kept, made) = (painted(&kept, &scene), painted(&made, &scene));
+        let (stored, made) = (painted(&stored, &scene), painted(&made, &scene));
         let mut sum = 0;
         for k in 0..17 {
-            for (a, b) in kept.cells(k).iter().zip(made.cells(k)) {
-                // Places are kept as f32.
+            for (a, b) in stored.cells(k).iter().zip(made.cells(k)) {
+                // Positions are stored as f32.
                 assert!(a.abs_diff(*b) <= 1);
                 sum += u32::from(*a);
             }
@@ -99,15 +99,15 @@ fn maps_made_beforehand_are_those_that_would_be_made() {
 }
 
 #[test]
-fn what_was_written_can_be_read_whatever_the_faults_drew() {
-    // Every fault of the standard profile many times over: mirrored peaks higher than 1 among them.
+fn every_observation_with_faults_is_read_back() {
+    // Every fault of the standard profile occurs many times, also mirrored peaks higher than 1.
     let scene = Arc::new(embedded::scene("futsal").unwrap());
     let file = MapsFile::parse(written(&scene, (Course::Once { start_s: 0.0 }, 120)));
     assert_eq!(file.map(|file| file.header().ticks), Ok(120));
 }
 
 #[test]
-fn a_recording_that_leads_back_is_repeated() {
+fn a_recording_that_returns_to_its_start_repeats() {
     let scene = court();
     let course = Course::new(&scene, &(Tick(0)..Tick(1)), true);
     let file = MapsFile::parse(written(&scene, course)).unwrap();
@@ -116,7 +116,7 @@ fn a_recording_that_leads_back_is_repeated() {
     let at = |tick| file.observation(tick, &camera).unwrap().unwrap();
     let n = u64::from(course.1);
     assert_eq!(at(3).persons(), at(3 + 5 * n).persons());
-    // The last tick is next to the first: nobody has gone further than a slow step.
+    // The last tick is next to the first: every person moves at most one slow step.
     let (last, first) = (at(n - 1).persons(), at(n).persons());
     let px = |persons: &[Vec<Option<farfield_edge::source::KeypointCandidate>>]| {
         persons[0][5].unwrap().position.vector_px()
@@ -125,17 +125,17 @@ fn a_recording_that_leads_back_is_repeated() {
 }
 
 #[test]
-fn a_file_that_was_cut_is_refused_wherever_that_was() {
+fn a_cut_file_is_refused_at_every_length() {
     let bytes = once(&court());
     for end in (0..bytes.len()).step_by(7) {
         let refused = MapsFile::parse(bytes[..end].to_vec()).unwrap_err();
-        let said = refused.to_string();
+        let message = refused.to_string();
         let expected = if end < MAGIC.len() {
             "does not begin as one"
         } else {
             "was cut: it ends in"
         };
-        assert!(said.contains(expected), "{end}: {said}");
+        assert!(message.contains(expected), "{end}: {message}");
     }
     let more = [&bytes[..], b"x"].concat();
     assert_eq!(
@@ -152,7 +152,7 @@ fn a_file_that_was_cut_is_refused_wherever_that_was() {
 
 proptest! {
     #[test]
-    fn no_changed_byte_goes_unseen(at in any::<prop::sample::Index>(), change in 1u8..) {
+    fn every_changed_byte_is_detected(at in any::<prop::sample::Index>(), change in 1u8..) {
         static WRITTEN: LazyLock<Vec<u8>> = LazyLock::new(|| once(&court()));
         let mut bytes = WRITTEN.clone();
         let at = at.index(bytes.len());
@@ -161,7 +161,7 @@ proptest! {
     }
 
     #[test]
-    fn whatever_a_file_holds_is_read_or_refused(rest in prop::collection::vec(any::<u8>(), 0..400)) {
+    fn arbitrary_bytes_are_read_or_refused(rest in prop::collection::vec(any::<u8>(), 0..400)) {
         let bytes = [&MAGIC[..], &rest].concat();
         prop_assert!(MapsFile::parse(bytes).is_err());
     }

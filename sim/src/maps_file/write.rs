@@ -1,4 +1,4 @@
-//! A camera of a scene as a file of maps.
+//! Writes a camera of a scene as a file of maps.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -7,15 +7,15 @@ use farfield_proto::tick::Tick;
 use serde::Serialize;
 
 use super::{CameraFailure, Course, Header, MAGIC};
-use crate::faults::{KeptMapObservation, MapFaults, SceneCrowd};
+use crate::faults::{MapFaults, SceneCrowd, StoredMapObservation};
 
-/// Writes the maps of camera `camera` of the crowd's scene over `course`, `ticks` of them; returns
-/// false, with the file unfinished, as soon as `goes_on` does.
+/// Writes `ticks` ticks of the maps of camera `camera` over `course`. Returns false, with the file
+/// unfinished, as soon as `goes_on` returns false.
 ///
-/// Slow errors of the simulated network begin anew with each repetition of a course.
+/// Slow errors of the simulated network restart with each repetition of a course.
 ///
 /// # Errors
-/// What `out` answers.
+/// An error of `out`.
 ///
 /// # Panics
 /// When the scene has no such camera.
@@ -29,7 +29,7 @@ pub fn write_maps(
 ) -> io::Result<bool> {
     let scene = crowd.scene();
     let model = &scene.cameras()[camera];
-    let mut maps = MapFaults::of(Arc::clone(crowd), camera);
+    let mut maps = MapFaults::with_crowd(Arc::clone(crowd), camera);
     let header = Header {
         camera: model.name().to_owned(),
         size_px: model.size_px(),
@@ -51,14 +51,14 @@ pub fn write_maps(
             return Ok(false);
         }
         let time_s = course.time_s(tick.seconds(scene.rate_hz()) + offset_s);
-        out.record(&KeptMapObservation::new(&maps.observe_at(tick, time_s)))?;
+        out.record(&StoredMapObservation::new(&maps.observe_at(tick, time_s)))?;
     }
     let checksum = *out.hasher.finalize().as_bytes();
     out.write(&checksum)?;
     Ok(true)
 }
 
-/// A file whose checksum grows with it.
+/// A writer that also computes the checksum.
 struct Hashed<'a, W> {
     out: &'a mut W,
     hasher: blake3::Hasher,

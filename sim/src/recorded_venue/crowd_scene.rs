@@ -1,4 +1,4 @@
-//! The scene of a crowd: a field of the size that its people need, everybody on a way of their own.
+//! The scene of a crowd: a field sized for its people, each of whom walks an own path.
 
 use std::fmt::{self, Write as _};
 use std::path::Path;
@@ -13,36 +13,37 @@ use crate::scene::Scene;
 
 /// Ticks per second.
 pub const RATE_HZ: f64 = 60.0;
-/// Floor for each person, square metres.
+/// Floor area per person, square metres.
 const AREA_M2: f64 = 20.0;
-/// Length of the field by its width.
+/// Ratio of the field's length to its width.
 const ASPECT: f64 = 1.5;
 /// Smallest field, metres.
 const SMALLEST_M: [f64; 2] = [12.0, 8.0];
-/// How far outside the field the cameras stand, by its length: one camera then has all of the field in view
-/// from the middle of its long side, too.
+/// Distance of the cameras from the field, relative to its length. One camera then sees the whole
+/// field, also from the middle of its long side.
 const SETBACK_OF_LENGTH: f64 = 0.5;
-/// How near to the field's edge ways lead, metres.
+/// Smallest distance of paths from the field's edge, metres.
 const EDGE_M: f64 = 1.0;
-/// How far people stand at first from the middle of their part of the field, by the size of that part.
+/// Largest distance of a start from the middle of the person's part of the field, relative to the
+/// size of that part.
 const SCATTER: f64 = 0.2;
-/// Fewest corners of a way.
+/// Minimum number of corners of a path.
 const CORNERS: usize = 12;
-/// Least mean distance from corner to corner, metres: of random places of the smallest field it is 4.
+/// Smallest mean distance between corners, metres; random points of the smallest field give 4.
 const FROM_CORNER_TO_CORNER_M: f64 = 3.0;
 /// Slowest and fastest person, metres per second.
 const SPEEDS_M_S: [f64; 2] = [1.0, 5.0];
 /// Shortest and tallest person, metres.
 const STATURES_M: [f64; 2] = [1.6, 1.95];
-/// The clips, each up to a speed, metres per second.
+/// The clips, each with its largest speed, metres per second.
 const CLIPS: [(f64, &str); 3] = [(2.0, "walk"), (3.0, "jog"), (f64::INFINITY, "run")];
-/// Seed of all that is drawn.
+/// Seed of all draws.
 const SEED: u64 = 17;
 
-/// The scene of `size`, `ticks` long. The same every time.
+/// The scene of `size` with `ticks` ticks; deterministic.
 ///
 /// # Errors
-/// [`FileError`] for more people, viewpoints or ticks than a scene may have.
+/// [`FileError`] for more people, viewpoints or ticks than a scene allows.
 pub(super) fn crowd_scene(size: VenueSize, ticks: u32) -> Result<Scene, FileError> {
     let mut text = String::new();
     // Writing to a String cannot fail.
@@ -96,8 +97,8 @@ fn field_m(people: usize) -> [f64; 2] {
     ]
 }
 
-/// Where the `person`-th of `people` stands at first: each in a part of the field of its own, so that nobody begins
-/// inside another.
+/// The start of `person` of `people`: each has its own part of the field, so people never start
+/// inside each other.
 fn first_place_m(person: usize, people: usize, half_m: [f64; 2], rng: &mut ChaCha8Rng) -> [f64; 2] {
     let columns = ((people as f64 * ASPECT).sqrt().ceil() as usize).max(1);
     let rows = people.div_ceil(columns);

@@ -1,9 +1,9 @@
-//! What the edges of a simulated venue send, tick after tick, kept in memory: so that whoever measures fusion has
-//! its input at hand, and neither simulator nor network in the number.
+//! The messages of a simulated venue's edges, recorded in memory. Measurements of fusion then
+//! include neither simulator nor network.
 //!
 //! [`RecordedVenue::record`] runs edges and fusion in lock-step in this process. A fresh
-//! [`Pipeline`] that steps over the groups does what the recording one did, because the result is the same bit
-//! for bit: the boxes it makes are those that the groups answer.
+//! [`Pipeline`] over the recorded groups gives the same result bit for bit, so its boxes are those
+//! that the groups answer.
 
 mod crowd_scene;
 
@@ -25,10 +25,10 @@ pub use self::crowd_scene::RATE_HZ;
 use crate::scene::Scene;
 use crate::simulated::in_memory::{Input, sources_of, venue_of};
 
-/// The session that the groups belong to.
+/// The session of the groups.
 const SESSION: SessionId = SessionId(1);
 
-/// How large a venue is.
+/// The size of a venue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct VenueSize {
     /// Viewpoints around the field, of one camera each.
@@ -40,18 +40,18 @@ pub struct VenueSize {
 /// Why a venue cannot be recorded.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordVenueError {
-    /// There is no scene of this size.
+    /// No scene of this size is possible.
     #[error(transparent)]
     Scene(#[from] FileError),
-    /// A simulated camera gives nothing.
+    /// A simulated camera failed.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// An edge could not work.
+    /// An edge failed.
     #[error(transparent)]
     Edge(#[from] PipelineError),
 }
 
-/// A venue and all that fusion got of it.
+/// A venue and the input of its fusion.
 pub struct RecordedVenue {
     scene: Arc<Scene>,
     venue: Venue,
@@ -62,28 +62,30 @@ pub struct RecordedVenue {
 /// Which detection passes are recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RecordedPasses {
-    /// Those that fusion asks for.
-    Asked,
-    /// Of all cameras at every tick, too: a fusion that runs live asks at others.
+    /// The passes that fusion requests.
+    Requested,
+    /// Also a pass of all cameras at every tick, because live fusion requests passes at other
+    /// ticks.
     AtEveryTick,
 }
 
 impl RecordedVenue {
-    /// Records the first `ticks` ticks of a venue of `size`, with maps made from the truth with the faults of
-    /// networks, packed at `level`. The same arguments give the same groups. `done` is told after each tick.
+    /// Records the first `ticks` ticks of a venue of `size`. Maps are made from the truth with the
+    /// faults of networks and packed at `level`. The same arguments give the same groups. `done` is
+    /// called after each tick.
     ///
     /// # Errors
-    /// [`RecordVenueError`] when the size is not one of a scene.
+    /// [`RecordVenueError`] when no scene of this size is possible.
     pub fn record(
         size: VenueSize,
         ticks: u32,
         level: CompressionLevel,
         done: &mut dyn FnMut(),
     ) -> Result<Self, RecordVenueError> {
-        Self::record_with(size, ticks, level, RecordedPasses::Asked, done)
+        Self::record_with(size, ticks, level, RecordedPasses::Requested, done)
     }
 
-    /// As [`Self::record`], with the detection passes that `passes` says.
+    /// As [`Self::record`], with the detection passes in `passes`.
     ///
     /// # Errors
     /// As [`Self::record`].
@@ -96,15 +98,15 @@ impl RecordedVenue {
     ) -> Result<Self, RecordVenueError> {
         let scene = Arc::new(crowd_scene::crowd_scene(size, ticks)?);
         let venue = venue_of(&scene, &Input::Maps, Parameters::default());
-        let mut edges = edges_of(&scene, &venue, level)?;
+        let mut edges = build_edges(&scene, &venue, level)?;
         let mut lookouts = match passes {
-            RecordedPasses::Asked => Vec::new(),
-            RecordedPasses::AtEveryTick => edges_of(&scene, &venue, level)?,
+            RecordedPasses::Requested => Vec::new(),
+            RecordedPasses::AtEveryTick => build_edges(&scene, &venue, level)?,
         };
         let (mut fusion, mut boxes) = fusion_of(&venue);
         let (mut groups, mut sightings) = (Vec::new(), Vec::new());
         for tick in (0..i64::from(ticks)).map(Tick) {
-            // Edges share nothing, and their sets stay in the order of viewpoints.
+            // Edges share no state; their outputs stay in the order of viewpoints.
             let outputs: Vec<EdgeOutput> = edges
                 .par_iter_mut()
                 .zip(&boxes)
@@ -133,30 +135,30 @@ impl RecordedVenue {
         })
     }
 
-    /// A pipeline that the groups can be given to, from the first on.
+    /// A pipeline for the groups, from the first on.
     pub fn fusion(&self) -> Pipeline {
         fusion_of(&self.venue).0
     }
 
-    /// What the venue was simulated from.
+    /// The simulated scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// By tick, what a detection pass of all cameras showed; empty unless recorded
+    /// By tick, the result of a detection pass of all cameras; empty unless recorded with
     /// [`RecordedPasses::AtEveryTick`].
     pub fn sightings(&self) -> &[Vec<SightingSet>] {
         &self.sightings
     }
 
-    /// What fusion got, by tick.
+    /// Fusion's input, by tick.
     pub fn groups(&self) -> &[TickGroup] {
         &self.groups
     }
 }
 
 /// One edge for every viewpoint of `venue`, in order.
-fn edges_of(
+fn build_edges(
     scene: &Arc<Scene>,
     venue: &Venue,
     level: CompressionLevel,
@@ -167,7 +169,7 @@ fn edges_of(
     Ok(edges.collect::<Result<_, _>>()?)
 }
 
-/// What a detection pass of all cameras shows at `tick`.
+/// The result of a detection pass of all cameras at `tick`.
 fn sighted(
     venue: &Venue,
     lookouts: &mut [MapEdge],
@@ -199,7 +201,7 @@ fn fusion_of(venue: &Venue) -> (Pipeline, Vec<BoxSet>) {
     (fusion, boxes)
 }
 
-/// The edge of a viewpoint with one camera, from which maps are painted.
+/// The edge of a viewpoint with one camera whose maps are painted.
 struct MapEdge {
     source: Box<dyn FrameSource>,
     pipeline: EdgePipeline,
@@ -251,14 +253,14 @@ mod tests {
     }
 
     #[test]
-    fn a_venue_is_the_same_every_time() {
+    fn recording_is_deterministic() {
         let once = recorded(CompressionLevel::DEFAULT);
         assert_eq!(once.groups().len(), 20);
         assert_eq!(once.groups(), recorded(CompressionLevel::DEFAULT).groups());
     }
 
     #[test]
-    fn a_fresh_fusion_has_use_for_all_that_was_recorded() {
+    fn a_fresh_fusion_uses_all_recorded_groups() {
         let venue = recorded(CompressionLevel::DEFAULT);
         let mut fusion = venue.fusion();
         let steps = venue.groups().iter().map(|g| fusion.step(g, &mut |_| {}));

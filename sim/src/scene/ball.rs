@@ -1,4 +1,4 @@
-//! A ball that people pass to each other: rolling, or in arcs that bounce.
+//! A ball that people pass to each other, rolling or in bouncing arcs.
 
 use farfield_fusion::body::skeleton::Joint;
 use nalgebra::{Vector2, Vector3};
@@ -11,36 +11,36 @@ use super::draws::{Purpose, draws};
 pub const BALL_RADIUS_M: f64 = 0.11;
 /// Acceleration of free fall, metres per second squared.
 const GRAVITY_M_S2: f64 = 9.81;
-/// Part of its vertical speed that a bounce leaves.
+/// Fraction of the vertical speed that remains after a bounce.
 const BOUNCE: f64 = 0.6;
-/// How far before a person's pelvis it is met, metres.
+/// Distance in front of a person's pelvis at which the ball is touched, metres.
 const REACH_M: f64 = 0.45;
-/// How fast it is passed, metres per second.
+/// Speed range of a pass, metres per second.
 const SPEED_M_S: [f64; 2] = [4.0, 9.0];
 /// Shortest and longest time between two touches, seconds.
 const PASS_S: [f64; 2] = [0.5, 3.0];
-/// Part of the passes that roll.
+/// Share of the passes that roll.
 const ROLLING: f64 = 0.6;
 
-/// From one touch to the next.
+/// The way from one touch to the next.
 #[derive(Debug, Clone, Copy)]
 struct Pass {
     start_s: f64,
     length_s: f64,
     from_m: Vector2<f64>,
     to_m: Vector2<f64>,
-    /// Arcs through the air; 0 rolls.
+    /// Arcs through the air; 0 for a rolling pass.
     arcs: u32,
 }
 
-/// Where the ball is at any time.
+/// The position of the ball at any time.
 #[derive(Debug, Clone)]
 pub(super) struct Ball {
     passes: Vec<Pass>,
 }
 
 impl Ball {
-    /// Draws who passes it to whom.
+    /// Draws all passes.
     pub(super) fn new(scene: &Scene) -> Self {
         let mut rng = draws(scene.seed(), Purpose::Ball, 0);
         let n_people = scene.people().len();
@@ -66,7 +66,7 @@ impl Ball {
             let speed_m_s = rng.random_range(SPEED_M_S[0]..SPEED_M_S[1]);
             let rolls = rng.random::<f64>() < ROLLING;
             let share = Vector2::new(rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0));
-            // Nobody there: it is kicked somewhere.
+            // Without a receiver the ball goes to a random place.
             let somewhere_m = share.component_mul(&half_m);
             let aimed_m = meet(receiver, time_s).unwrap_or(somewhere_m);
             let length_s = ((aimed_m - at_m).norm() / speed_m_s).clamp(PASS_S[0], PASS_S[1]);
@@ -106,7 +106,7 @@ impl Pass {
         )
     }
 
-    /// Each arc takes [`BOUNCE`] of the time of the one before.
+    /// Each arc takes [`BOUNCE`] of the time of the previous one.
     fn height_m(&self, since_s: f64) -> f64 {
         let arcs = (0..self.arcs).map(|i| BOUNCE.powi(i.cast_signed()));
         let unit_s = self.length_s / arcs.clone().sum::<f64>().max(1.0);
@@ -128,7 +128,7 @@ mod tests {
 
     use super::*;
 
-    /// Fastest ball, metres per second: a pass, and the fall of its longest arc.
+    /// Fastest ball, metres per second: a pass plus the fall of its longest arc.
     const FASTEST_M_S: f64 = 20.0;
 
     #[test]

@@ -1,9 +1,10 @@
-//! Cameras made for a field: viewpoints around it, each a fan of cameras that covers all of it.
+//! Generates cameras for a field: viewpoints around it, each a fan of cameras that covers all of
+//! it.
 //!
-//! Seen from a viewpoint, the directions in which the field lies are divided evenly among its
-//! cameras, each slice a little wider than its share. A camera looks so that its slice of the
-//! field, from the floor to above a jumping head, fits into its image with the longest lens. With fisheyes it fits into the
-//! part of the image that is used.
+//! The directions from a viewpoint to the field are divided evenly among its cameras. Each slice is
+//! a little wider than its share. A camera is aimed so that its slice of the field, from the floor
+//! to above a jumping head, fits into the image with the longest focal length. With a fisheye the
+//! slice fits into the used part of the image.
 
 use std::f64::consts::{PI, TAU};
 
@@ -18,33 +19,34 @@ use super::draws::{Purpose, draws};
 use super::file::GeneratedCameras;
 use crate::look_at::look_at;
 
-/// How far beyond the field's edge bodies are still seen, metres; never more than half of the way
-/// to the cameras.
+/// Distance beyond the edge of the field at which bodies are still seen, metres; at most half the
+/// way to the cameras.
 const MARGIN_M: f64 = 0.3;
-/// Up to where bodies are seen, metres: a tall person's raised hand, or head in a jump.
+/// Height up to which bodies are seen, metres: a tall person's raised hand, or the head in a jump.
 const TOP_M: f64 = 2.5;
-/// How much wider a slice is than its share, on either side.
+/// By how much a slice is wider than its share, on either side.
 const OVERLAP: f64 = 0.08;
-/// Part of the image that its slice may fill, so that rounding loses nothing.
+/// Part of the image that a slice may fill, to allow for rounding.
 const FILL: f64 = 0.985;
-/// Widest half angle of an image, as a tangent: beyond it a lens of this model would be a fisheye.
+/// Largest tangent of the half angle of an image; a wider lens would need the fisheye model.
 const WIDEST: f64 = 2.5;
 /// Part of the used view of a fisheye that a slice may fill.
 const USED: f64 = 0.98;
-/// Steps of a camera's direction in which the best is looked for, radians.
+/// Step of the search for a camera's direction, radians.
 const STEP_RAD: f64 = PI / 720.0;
 
-/// The cameras of a scene and how they are mounted.
+/// The cameras of a scene, by viewpoint.
 #[derive(Debug, Default)]
 pub(super) struct CameraRig {
     pub(super) viewpoints: Vec<super::SceneViewpoint>,
     pub(super) cameras: Vec<CameraModel>,
 }
 
-/// Mounts the cameras of `wanted` around a field of `size_m` whose floor is `floor_m` above the ground.
+/// Places the cameras of `wanted` around a field of `size_m` whose floor is `floor_m` above the
+/// ground.
 ///
 /// # Errors
-/// What is wrong, in words, when a field cannot be covered so.
+/// A description of the problem when the field cannot be covered.
 pub(super) fn generate(
     wanted: &GeneratedCameras,
     (size_m, floor_m): ([f64; 2], f64),
@@ -75,7 +77,7 @@ pub(super) fn generate(
                 cx_px: (w - 1.0) / 2.0,
                 cy_px: (h - 1.0) / 2.0,
             };
-            // Both terms shrink what is inside the image, and 1 + 3 k1 r2 + 5 k2 r4 has no root.
+            // Both terms shrink the image, and 1 + 3 k1 r2 + 5 k2 r4 has no root.
             let distortion = Distortion {
                 k1: rng.random_range(-0.095..-0.065),
                 k2: 0.02,
@@ -94,7 +96,7 @@ pub(super) fn generate(
     Ok(rig)
 }
 
-/// Refuses lenses for viewpoints that there are not.
+/// Refuses lenses for unknown viewpoints.
 fn check_names(wanted: &GeneratedCameras, places: &[(String, Vector2<f64>)]) -> Result<(), String> {
     let named = wanted.fisheye_viewpoints.iter().flatten();
     if wanted.fisheye.is_none() && wanted.fisheye_viewpoints.is_some() {
@@ -114,7 +116,7 @@ fn check_names(wanted: &GeneratedCameras, places: &[(String, Vector2<f64>)]) -> 
     Ok(())
 }
 
-/// Names and places of `n` viewpoints around a field that reaches to `half_m`.
+/// Names and positions of `n` viewpoints around a field that extends to `half_m`.
 fn places(n: usize, half_m: Vector2<f64>, setback_m: f64) -> Vec<(String, Vector2<f64>)> {
     let reach = half_m.add_scalar(setback_m);
     let corners = [
@@ -126,7 +128,7 @@ fn places(n: usize, half_m: Vector2<f64>, setback_m: f64) -> Vec<(String, Vector
     let corners =
         corners.map(|(name, [x, y])| (name.to_owned(), Vector2::new(x, y).component_mul(&reach)));
     if n <= 4 {
-        // Two see most from opposite corners.
+        // Two viewpoints cover most from opposite corners.
         let chosen: &[usize] = match n {
             2 => &[0, 2],
             _ => &[0, 1, 2, 3][..n],
@@ -146,8 +148,8 @@ fn places(n: usize, half_m: Vector2<f64>, setback_m: f64) -> Vec<(String, Vector
     places
 }
 
-/// How many of `n` viewpoints between the corners stand along the north, west, south and east side:
-/// each next one where they are farthest apart, the first side of equals.
+/// The number of viewpoints on the north, west, south and east side, of `n` between the corners.
+/// Each next one goes to the side with the largest gap; the first side wins a tie.
 fn sides(n: usize, reach: Vector2<f64>) -> [usize; 4] {
     let length_m = [reach.x, reach.y, reach.x, reach.y];
     let mut along = [0; 4];
@@ -164,12 +166,12 @@ fn sides(n: usize, reach: Vector2<f64>) -> [usize; 4] {
     along
 }
 
-/// The parts of the rectangle that reaches to `half_m` which the `n` cameras at `eye` see, from
-/// left to right: corners of convex polygons on the floor.
+/// The parts of the rectangle that extends to `half_m`, one for each of the `n` cameras at `eye`,
+/// from left to right: corners of convex polygons on the floor.
 fn slices(half_m: Vector2<f64>, eye: Vector2<f64>, n: usize) -> Vec<Vec<Vector2<f64>>> {
     let field = [[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]
         .map(|[x, y]| Vector2::new(x, y).component_mul(&half_m));
-    // Angles from the direction of the field's middle, to the left; all are short of a half turn.
+    // Angles to the left of the direction to the middle of the field; all are below a half turn.
     let middle = -eye;
     let angle = |p: &Vector2<f64>| middle.perp(&(p - eye)).atan2(middle.dot(&(p - eye)));
     let leftmost = field.iter().map(angle).fold(f64::MIN, f64::max);
@@ -194,7 +196,7 @@ fn slices(half_m: Vector2<f64>, eye: Vector2<f64>, n: usize) -> Vec<Vec<Vector2<
     (0..n).map(slice).collect()
 }
 
-/// The part of a convex polygon where `inside` is not negative (Sutherland and Hodgman).
+/// The part of a convex polygon where `inside` is not negative (Sutherland-Hodgman clipping).
 fn clip(polygon: &[Vector2<f64>], inside: impl Fn(&Vector2<f64>) -> f64) -> Vec<Vector2<f64>> {
     let mut kept = Vec::new();
     for (i, a) in polygon.iter().enumerate() {
@@ -210,13 +212,14 @@ fn clip(polygon: &[Vector2<f64>], inside: impl Fn(&Vector2<f64>) -> f64) -> Vec<
     kept
 }
 
-/// Where a camera looks, and with what lens.
+/// Direction and focal length of a camera.
 struct CameraLook {
     direction: Vector3<f64>,
     focal_px: f64,
 }
 
-/// The direction from `eye` in which the prism over `slice` of the floor fits the image with the longest lens.
+/// The direction from `eye` in which the prism over `slice` of the floor fits into the image with
+/// the longest focal length.
 fn aim(
     eye: Vector3<f64>,
     (slice, floor_m): (&[Vector2<f64>], f64),
@@ -230,7 +233,7 @@ fn aim(
     let sum: Vector3<f64> = corners.iter().map(Vector3::normalize).sum();
     let pan = sum.y.atan2(sum.x);
     let mut best = (0.0, 0.0, 0.0);
-    // Coarse to fine: the focal length is smooth enough in both angles for that.
+    // From coarse to fine: the focal length is smooth enough in both angles.
     for step in [16.0 * STEP_RAD, 4.0 * STEP_RAD, STEP_RAD] {
         let (_, pan_0, tilt_0) = if best.0 > 0.0 {
             best
@@ -249,7 +252,7 @@ fn aim(
         }
     }
     let (focal_px, pan, tilt) = best;
-    // A fisheye may be as wide as it is used.
+    // A fisheye may be as wide as its used view.
     let widest_px = if fisheye.is_some() {
         0.0
     } else {
@@ -265,8 +268,7 @@ fn direction(pan: f64, tilt: f64) -> Vector3<f64> {
     Vector3::new(tilt.cos() * pan.cos(), tilt.cos() * pan.sin(), tilt.sin())
 }
 
-/// The longest focal length at which all `corners` (from the eye) are in the image, pixels; 0 for
-/// none.
+/// The longest focal length that shows all `corners` (relative to the eye), pixels; 0 if none does.
 fn longest_lens(
     corners: &[Vector3<f64>],
     (pan, tilt): (f64, f64),
@@ -324,7 +326,7 @@ mod tests {
         }
     }
 
-    /// Every point over the field is seen by a camera of every viewpoint.
+    /// Checks that a camera of every viewpoint sees every point over the field.
     fn check(wanted: &GeneratedCameras, size_m: [f64; 2]) {
         let rig = generate(wanted, (size_m, 0.0), 7).unwrap();
         assert_eq!(rig.viewpoints.len(), wanted.viewpoints);
@@ -375,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_too_narrow_for_its_part_is_refused_in_words() {
+    fn a_field_that_one_camera_cannot_cover_is_refused() {
         let narrow = GeneratedCameras {
             size_px: [16, 8192],
             ..wanted(4, 1, 2.5, 1.5)
@@ -385,11 +387,11 @@ mod tests {
         assert!(refused.contains("stand further back"), "{refused}");
     }
 
-    /// Coefficients as a fit gives them.
+    /// Coefficients of a typical fit.
     const FISHEYE: [f64; 4] = [-0.02, 0.005, -0.002, 0.0003];
 
     #[test]
-    fn fisheyes_see_all_of_the_field_in_the_part_of_their_view_that_is_used() {
+    fn fisheyes_see_all_of_the_field_in_their_used_view() {
         for (field, wanted) in [
             ([7.0, 5.0], wanted(4, 1, 2.5, 1.5)),
             ([24.0, 16.0], wanted(4, 2, 4.0, 2.0)),
@@ -405,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn the_other_cameras_stay_when_some_get_fisheyes() {
+    fn fisheyes_at_some_viewpoints_do_not_change_other_cameras() {
         let plain = wanted(4, 1, 2.5, 1.5);
         let mixed = GeneratedCameras {
             fisheye: Some(FISHEYE),

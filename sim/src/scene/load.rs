@@ -1,4 +1,4 @@
-//! What a scene file names and numbers: its text, cameras, clips, posters, and who is who in the truth.
+//! Loads the files of a scene (cameras, clips, posters) and numbers its people for the truth.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,12 +16,10 @@ use super::file::{CameraSource, MAX_PEOPLE, SceneFile};
 use super::poster::Poster;
 use crate::motion::Clip;
 
-/// The text of a file.
 pub(super) fn read(path: &Path) -> Result<String, FileError> {
     fs::read_to_string(path).map_err(|e| FileError::new(path, format!("cannot be read: {e}")))
 }
 
-/// The cameras of a scene.
 pub(super) fn mount(file: &SceneFile, toml: &TomlFile<'_>) -> Result<CameraRig, FileError> {
     let (calibration, viewpoints) = match &file.cameras {
         CameraSource::Generated(wanted) => {
@@ -57,10 +55,9 @@ pub(super) fn mount(file: &SceneFile, toml: &TomlFile<'_>) -> Result<CameraRig, 
     Ok(rig)
 }
 
-/// How a clip is read.
 type LoadClip<'a> = &'a mut dyn FnMut(&Path) -> Result<Arc<Clip>, FileError>;
 
-/// The clips of a scene, each file read once.
+/// The clips of a scene; each file is read once.
 pub(super) struct Clips<'a> {
     load: LoadClip<'a>,
     loaded: BTreeMap<PathBuf, Arc<Clip>>,
@@ -72,7 +69,8 @@ impl<'a> Clips<'a> {
         Self { load, loaded }
     }
 
-    /// The clip at `path`, which `place` of the scene file names: whoever has many scenes must hear which of them does.
+    /// The clip at `path`. `place` is its field in the scene file; errors name it, because many
+    /// scenes may share a clip.
     fn get(
         &mut self,
         path: &Path,
@@ -94,8 +92,8 @@ impl<'a> Clips<'a> {
         Ok(clip)
     }
 
-    /// Those of every person.
-    pub(super) fn of_people(
+    /// The clips of every person.
+    pub(super) fn for_people(
         &mut self,
         file: &SceneFile,
         toml: &TomlFile<'_>,
@@ -111,8 +109,8 @@ impl<'a> Clips<'a> {
     }
 }
 
-/// The posters, whose people are built by draws that no person of the scene has.
-pub(super) fn posters_of(
+/// The posters. Their bodies use draws that no person of the scene uses.
+pub(super) fn load_posters(
     file: &SceneFile,
     toml: &TomlFile<'_>,
     clips: &mut Clips<'_>,
@@ -128,15 +126,15 @@ pub(super) fn posters_of(
         .collect()
 }
 
-/// The numbers of people in truth files.
-pub(super) fn numbers_of(file: &SceneFile) -> Vec<u32> {
+/// The numbers of people in truth files: their names if all are distinct numbers, else 1, 2, ...
+pub(super) fn truth_numbers(file: &SceneFile) -> Vec<u32> {
     let written: Option<Vec<u32>> = file
         .people
         .iter()
         .map(|person| person.name.parse().ok().filter(|n| *n > 0))
         .collect();
     let counted = || (1..).take(file.people.len()).collect();
-    // "1" and "01" are two names, and one number.
+    // "1" and "01" are two names but one number.
     let distinct = |numbers: &Vec<u32>| {
         let unique: std::collections::BTreeSet<_> = numbers.iter().collect();
         unique.len() == numbers.len()
@@ -151,7 +149,7 @@ mod tests {
     use super::super::Scene;
     use crate::embedded_files::CLIPS;
 
-    /// What is said of a scene with `added`, beside which the clip `walk.bvh` lies with this text.
+    /// The error for a scene with the text `added`, next to a clip `walk.bvh` with the text `walk`.
     fn refusal(walk: &str, added: &str) -> String {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("walk.bvh"), walk).unwrap();
@@ -166,17 +164,17 @@ mod tests {
 
     const CAMERAS: &str = "[cameras]\nviewpoints = 4\nper_viewpoint = 1\n";
 
-    fn check(said: &str, parts: &[&str]) {
+    fn check(message: &str, parts: &[&str]) {
         for part in parts {
-            assert!(said.contains(part), "{said}\nexpected: {part}");
+            assert!(message.contains(part), "{message}\nexpected: {part}");
         }
     }
 
     #[test]
-    fn a_clip_that_is_not_there_is_told_with_the_line_of_the_scene_and_where_it_was_looked_for() {
-        let said = refusal(CLIPS[0].1, CAMERAS);
+    fn a_missing_clip_is_refused_with_line_and_searched_path() {
+        let message = refusal(CLIPS[0].1, CAMERAS);
         check(
-            &said,
+            &message,
             &[
                 "scene.toml:12: `person[0].clips[1]`: ",
                 "runn.bvh: cannot be read",
@@ -186,26 +184,26 @@ mod tests {
         );
         let poster =
             "[[poster]]\nat_m = [0, 0]\nheading_rad = 0\nheight_m = 1.8\nclip = \"none.bvh\"\n";
-        let said = refusal(CLIPS[0].1, &format!("{CAMERAS}{poster}"));
-        check(&said, &["scene.toml:11: `poster[0].clip`: ", "none.bvh"]);
+        let message = refusal(CLIPS[0].1, &format!("{CAMERAS}{poster}"));
+        check(&message, &["scene.toml:11: `poster[0].clip`: ", "none.bvh"]);
     }
 
     #[test]
-    fn a_clip_that_is_none_is_told_with_the_line_of_the_scene_and_its_own() {
-        let said = refusal("nothing\n", CAMERAS);
+    fn an_invalid_clip_is_refused_with_the_line_of_the_scene() {
+        let message = refusal("nothing\n", CAMERAS);
         check(
-            &said,
+            &message,
             &["scene.toml:11: `person[0].clips[0]`: ", "walk.bvh"],
         );
-        assert!(!said.contains("counts from"), "{said}");
+        assert!(!message.contains("counts from"), "{message}");
     }
 
     #[test]
-    fn a_calibration_that_is_not_there_is_told_with_the_line_of_the_scene() {
+    fn a_missing_calibration_is_refused_with_the_line_of_the_scene() {
         let cameras = "calibration = \"hall.toml\"\n[[viewpoint]]\nname = \"west\"\n[[viewpoint.camera]]\nname = \"a\"\n";
-        let said = refusal(CLIPS[0].1, cameras);
+        let message = refusal(CLIPS[0].1, cameras);
         check(
-            &said,
+            &message,
             &["scene.toml:4: `calibration`: ", "hall.toml: cannot be read"],
         );
     }

@@ -1,9 +1,9 @@
-//! Mirrors that stand in a scene: whoever looks at one sees everybody before it a second time, left
-//! and right exchanged, as far behind the glass as they stand before it.
+//! Mirrors in a scene. A camera sees the people in front of a mirror a second time, with left and
+//! right exchanged, as far behind the glass as they stand in front of it.
 //!
-//! A mirror is flat, upright, and has a back: it reflects to the left of the way from `from_m` to
-//! `to_m`, and hides what is behind it from either side. What two mirrors make of each other is left
-//! out, and so is what a mirror makes of a poster.
+//! A mirror is flat and upright, and has a back. It reflects to the left of the direction from
+//! `from_m` to `to_m`, and hides what is behind it on either side. Reflections of reflections and
+//! of posters are not simulated.
 
 use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::body::skeleton::Joints;
@@ -16,9 +16,9 @@ use super::truth::{N_SITES, PersonTruth};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mirror {
     from_m: Vector3<f64>,
-    /// From one corner to the other, unit.
+    /// Unit vector from one corner to the other.
     along: Vector3<f64>,
-    /// To where it reflects, unit.
+    /// Unit normal of the reflecting side.
     outward: Vector3<f64>,
     width_m: f64,
     height_m: f64,
@@ -37,17 +37,17 @@ impl Mirror {
         }
     }
 
-    /// Whether a point (world, metres) lies on the side that it reflects to.
+    /// Whether a point (world, metres) is on the reflecting side.
     pub fn is_before(&self, point_m: &Vector3<f64>) -> bool {
         self.height_above_m(point_m) > 0.0
     }
 
-    /// Where a point (world, metres) is seen to be.
+    /// The reflection of a point (world, metres).
     pub fn reflected(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
         point_m - self.outward * (2.0 * self.height_above_m(point_m))
     }
 
-    /// The person that is seen in it: what is left in truth looks like a right side.
+    /// The reflection of a person: a true left side looks like a right side.
     pub fn reflected_person(&self, truth: &PersonTruth) -> PersonTruth {
         let joints_m: Joints = Joint::ALL.map(|joint| {
             let other = truth.joint_m(other_side(joint));
@@ -60,7 +60,7 @@ impl Mirror {
         }
     }
 
-    /// Whether the straight way between two points (world, metres) goes through it.
+    /// Whether the line between two points (world, metres) passes through the mirror.
     pub fn is_between(&self, a_m: &Vector3<f64>, b_m: &Vector3<f64>) -> bool {
         let (a, b) = (self.height_above_m(a_m), self.height_above_m(b_m));
         if (a > 0.0) == (b > 0.0) {
@@ -71,13 +71,13 @@ impl Mirror {
             && (0.0..=self.height_m).contains(&meets_m.z)
     }
 
-    /// Distance from its plane, positive before it.
+    /// Distance from its plane, positive in front of it.
     fn height_above_m(&self, point_m: &Vector3<f64>) -> f64 {
         (point_m - self.from_m).dot(&self.outward)
     }
 }
 
-/// The same joint of the other side of the body; one in the middle is its own.
+/// The same joint of the other side of the body; a central joint is unchanged.
 fn other_side(joint: Joint) -> Joint {
     let name = joint.name();
     let other = match (name.strip_prefix("left_"), name.strip_prefix("right_")) {
@@ -88,7 +88,7 @@ fn other_side(joint: Joint) -> Joint {
     Joint::from_name(&other).unwrap_or(joint)
 }
 
-/// The same of COCO's keypoints: the nose, then pairs.
+/// As [`other_side`], for COCO's keypoints: the nose, then pairs.
 fn other_site(site: usize) -> usize {
     match site {
         0 => 0,
@@ -101,7 +101,7 @@ mod tests {
     use super::super::truth::{DefinitionOffsets, SITE_JOINTS};
     use super::*;
 
-    /// One on the x axis that reflects towards +y.
+    /// A mirror on the x axis that reflects towards +y.
     fn mirror() -> Mirror {
         Mirror::new(&MirrorEntry {
             from_m: [-1.0, 0.0],
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_is_seen_as_far_behind_the_glass_as_it_is_before_it() {
+    fn a_reflected_point_has_the_same_distance_from_the_glass() {
         let seen_m = mirror().reflected(&Vector3::new(0.3, 1.5, 0.7));
         assert!((seen_m - Vector3::new(0.3, -1.5, 0.7)).norm() < 1e-12);
         assert!(mirror().is_before(&Vector3::new(5.0, 0.1, 0.0)));
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn only_ways_through_the_glass_meet_it() {
+    fn only_lines_through_the_glass_meet_the_mirror() {
         let eye_m = Vector3::new(0.0, 4.0, 1.0);
         let meets = |x: f64, y: f64, z: f64| mirror().is_between(&eye_m, &Vector3::new(x, y, z));
         assert!(meets(0.0, -4.0, 1.0) && meets(1.9, -4.0, 1.0) && !meets(2.1, -4.0, 1.0));
@@ -142,7 +142,7 @@ mod tests {
         for (site, joint) in SITE_JOINTS.into_iter().enumerate() {
             assert!((seen.sites_m[site] - seen.joint_m(joint)).norm() < 1e-12);
         }
-        // Twice reflected is what it was.
+        // Two reflections give the original.
         let back = mirror().reflected_person(&seen);
         for (a, b) in back.joints_m.iter().zip(&truth.joints_m) {
             assert!((a - b).norm() < 1e-12);

@@ -1,8 +1,9 @@
 //! A scene: people, cameras and a ball, whose truth is a pure function of time.
 //!
 //! [`Scene::load`] reads a scene file ([`mod@file`]), its motion clips and its cameras, and plans
-//! everybody's way. After that nothing is drawn or remembered: the same scene answers any time, in
-//! any order, with the same truth ([`truth`]), in some ten microseconds per person.
+//! the paths of all people. After that the scene has no state and draws no random numbers. It
+//! returns the same truth ([`truth`]) for a time in any order of calls, in some ten microseconds
+//! per person.
 
 mod ball;
 mod cameras;
@@ -32,7 +33,7 @@ use self::ball::Ball;
 use self::cameras::CameraRig;
 use self::draws::{Purpose, draws};
 use self::file::SceneFile;
-use self::load::{Clips, mount, numbers_of, posters_of, read};
+use self::load::{Clips, load_posters, mount, read, truth_numbers};
 pub use self::mirror::Mirror;
 use self::plan::ScenePlan;
 pub use self::plan::{EDGE_M, KEEP_M};
@@ -44,11 +45,11 @@ pub use self::truth::{N_SITES, PersonTruth, SITE_JOINTS};
 use crate::fault_profile::FaultProfile;
 use crate::motion::Clip;
 
-/// Height of the field that people are tracked in above its floor, metres: a raised hand in a jump.
+/// Height of the tracked field above its floor, metres: a raised hand in a jump.
 const FIELD_TOP_M: f64 = 2.8;
-/// How far below the floor it begins, metres: a foot is never exactly on it.
+/// Lower end of the tracked field relative to the floor, metres: a foot is never exactly on it.
 const FIELD_BOTTOM_M: f64 = -0.3;
-/// How far beyond the field's edge it reaches, metres: the limbs of who stands at the edge.
+/// Margin of the tracked field around the scene's field, metres: limbs of a person at the edge.
 const FIELD_MARGIN_M: f64 = 0.5;
 
 /// A place with cameras on one machine.
@@ -56,31 +57,32 @@ const FIELD_MARGIN_M: f64 = 0.5;
 pub struct SceneViewpoint {
     /// Its name.
     pub name: String,
-    /// Its cameras, as positions in [`Scene::cameras`].
+    /// Indices of its cameras in [`Scene::cameras`].
     pub cameras: Vec<usize>,
 }
 
-/// Somebody in the scene.
+/// A person of the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScenePerson {
     /// Name in the scene file.
     pub name: String,
-    /// Number in truth files, from 1: the name where all names are numbers, else the place in the file.
+    /// Number in truth files, from 1: the name if all names are numbers, else the position in the
+    /// file.
     pub number: u32,
     /// Stature, metres.
     pub stature_m: f64,
     /// The group whose clips' coordinate frame it shares, if any.
     pub group: Option<String>,
-    /// Seed of its shape, skin and clothes.
+    /// Seed of shape, skin and clothes.
     pub build_seed: u64,
-    /// When it appears, seconds; who is there from the start was there before it, too.
+    /// First appearance, seconds. A person present from the start also exists before it.
     pub enter_s: f64,
-    /// When it is gone, seconds; who stays to the end stays beyond it, too.
+    /// End of the presence, seconds. A person present at the end also exists after it.
     pub leave_s: f64,
     definition: DefinitionOffsets,
 }
 
-/// People, cameras and a ball; see the head of this module.
+/// People, cameras and a ball; see the module documentation.
 #[derive(Debug)]
 pub struct Scene {
     rate_hz: f64,
@@ -103,17 +105,18 @@ impl Scene {
     /// Reads the scene file at `path`, its clips and its calibration.
     ///
     /// # Errors
-    /// [`FileError`] naming the file (the scene, where a clip of it cannot be used, or the calibration), line and field.
+    /// [`FileError`] with file, line and field. The file is the calibration, or the scene, also for
+    /// an unusable clip.
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let text = read(path)?;
         Self::parse(&text, path, &mut |clip| Ok(Arc::new(Clip::load(clip)?)))
     }
 
-    /// Reads a scene's text; `path` is what paths in it are relative to, `clips` gives the motion
-    /// clip of a path (asked once for each). A calibration is read from its file.
+    /// Parses a scene. Paths in `text` are relative to `path`. `clips` loads the motion clip of a
+    /// path; it is called once per clip. A calibration is read from its file.
     ///
     /// # Errors
-    /// As [`Scene::load`]; what `clips` answers is said of the field that names the clip.
+    /// As [`Scene::load`]; an error of `clips` names the field of the clip.
     pub fn parse(
         text: &str,
         path: &Path,
@@ -124,10 +127,10 @@ impl Scene {
         let rig = mount(&file, &toml)?;
         let sight = Sight::new(&file, &rig.viewpoints, &toml)?;
         let mut clips = Clips::new(clips);
-        let posters = posters_of(&file, &toml, &mut clips)?;
-        let clips = clips.of_people(&file, &toml)?;
+        let posters = load_posters(&file, &toml, &mut clips)?;
+        let clips = clips.for_people(&file, &toml)?;
         let plan = ScenePlan::new(&file, &clips);
-        let numbers = numbers_of(&file);
+        let numbers = truth_numbers(&file);
         let statures_m = ScenePlan::statures_m(&file, &clips);
         let person = |(index, entry): (usize, &file::PersonEntry)| ScenePerson {
             name: entry.name.clone(),
@@ -180,7 +183,7 @@ impl Scene {
         Tick(0)..Tick(n)
     }
 
-    /// When tick `tick` is, seconds.
+    /// Time of tick `tick`, seconds.
     pub fn time_s(&self, tick: Tick) -> f64 {
         tick.seconds(self.rate_hz)
     }
@@ -190,18 +193,18 @@ impl Scene {
         self.seed
     }
 
-    /// Field, x by y, centred on the origin, metres.
+    /// Size of the field, x by y, centred on the origin, metres.
     pub fn size_m(&self) -> [f64; 2] {
         self.size_m
     }
 
-    /// Height of what people stand on above the ground, metres.
+    /// Height of the floor under the people above the ground, metres.
     pub fn floor_m(&self) -> f64 {
         self.floor_m
     }
 
-    /// The box that people are tracked in, as in a venue's `[field]`: least and greatest corner,
-    /// metres. It is a little larger than the field, since limbs reach over its edge.
+    /// The tracked box, as in a venue's `[field]`: minimum and maximum corner, metres. It is larger
+    /// than the field, because limbs extend over its edge.
     pub fn field_bounds_m(&self) -> [[f64; 3]; 2] {
         let [x, y] = self.size_m.map(|size_m| size_m / 2.0 + FIELD_MARGIN_M);
         let z = [FIELD_BOTTOM_M, FIELD_TOP_M].map(|height_m| self.floor_m + height_m);
@@ -213,12 +216,12 @@ impl Scene {
         &self.rig.viewpoints
     }
 
-    /// All cameras, counted through the viewpoints in their order.
+    /// All cameras, in the order of the viewpoints.
     pub fn cameras(&self) -> &[CameraModel] {
         &self.rig.cameras
     }
 
-    /// Everybody, in the order of the file.
+    /// All people, in the order of the file.
     pub fn people(&self) -> &[ScenePerson] {
         &self.people
     }
@@ -228,59 +231,58 @@ impl Scene {
         &self.mirrors
     }
 
-    /// The pictures of people.
+    /// The posters.
     pub fn posters(&self) -> &[Poster] {
         &self.posters
     }
 
-    /// Who is lost when, and to whom.
+    /// The intervals in which people are hidden from viewpoints.
     pub fn lost(&self) -> &[LostInterval] {
         &self.sight.lost
     }
 
-    /// The viewpoints whose cameras show the `person`-th at `time_s`, unless something stands in
-    /// between.
+    /// The viewpoints whose cameras show `person` at `time_s`, unless something blocks the view.
     pub fn seen_by(&self, person: usize, time_s: f64) -> ViewpointMask {
         self.sight.seen_by(person, time_s)
     }
 
-    /// Whether the truth holds the `person`-th: not who is behind glass for all viewpoints but one.
+    /// Whether the truth contains `person`: not if only one viewpoint sees the person.
     pub fn is_in_truth(&self, person: usize) -> bool {
         self.sight.can_be_found(person)
     }
 
-    /// The faults of maps that are made without pixels.
+    /// The faults of maps made without pixels.
     pub fn faults(&self) -> &FaultProfile {
         &self.faults
     }
 
-    /// Whether the `person`-th is in the scene at `time_s`.
+    /// Whether `person` is in the scene at `time_s`.
     pub fn is_there(&self, person: usize, time_s: f64) -> bool {
-        let there = |who: &ScenePerson| {
-            let entered = who.enter_s <= 0.0 || time_s >= who.enter_s;
-            let left = who.leave_s < self.planned_s && time_s >= who.leave_s;
+        let there = |person: &ScenePerson| {
+            let entered = person.enter_s <= 0.0 || time_s >= person.enter_s;
+            let left = person.leave_s < self.planned_s && time_s >= person.leave_s;
             entered && !left
         };
         self.people.get(person).is_some_and(there)
     }
 
-    /// The `person`-th (of [`Scene::people`]) at `time_s`; `None` before it enters and once it has
-    /// left, and for a person that is not there. A pure function.
+    /// The truth of `person` (an index into [`Scene::people`]) at `time_s`. `None` while the person
+    /// is absent, or for an unknown index. A pure function.
     pub fn person_at(&self, person: usize, time_s: f64) -> Option<PersonTruth> {
         if !self.is_there(person, time_s) {
             return None;
         }
-        let who = &self.people[person];
+        let entry = &self.people[person];
         let mut joints_m = self.plan.joints_m(person, time_s);
         for joint_m in &mut joints_m {
             joint_m.z += self.floor_m;
         }
         let length_m = self.faults.definition.map_or(0.0, |fault| fault.offset_m);
-        Some(PersonTruth::new(&joints_m, &who.definition, length_m))
+        Some(PersonTruth::new(&joints_m, &entry.definition, length_m))
     }
 
-    /// What the truth holds of the `person`-th at `tick`: as [`Self::person_at`], of those whom
-    /// anybody could find ([`Self::is_in_truth`]).
+    /// As [`Self::person_at`] at the time of `tick`, without people that are not in the truth
+    /// ([`Self::is_in_truth`]).
     pub fn truth_at(&self, person: usize, tick: Tick) -> Option<PersonTruth> {
         let counts = self.is_in_truth(person);
         counts.then(|| self.person_at(person, self.time_s(tick)))?
@@ -297,7 +299,7 @@ impl Scene {
         Self { faults, ..self }
     }
 
-    /// The same scene, with as many ticks a second as said (1 to 1000, else it is left as it is).
+    /// The same scene at another rate; a rate outside 1 to 1000 has no effect.
     #[must_use]
     pub fn with_rate(self, rate_hz: f64) -> Self {
         if (1.0..=1000.0).contains(&rate_hz) {
@@ -307,7 +309,7 @@ impl Scene {
         }
     }
 
-    /// The first `seconds` of the same scene, or all of it when it is shorter.
+    /// The first `seconds` of the scene, or all of it if it is shorter.
     #[must_use]
     pub fn shortened(self, seconds: f64) -> Self {
         let seconds = seconds.max(0.0).min(self.seconds);

@@ -1,7 +1,7 @@
-//! Pictures of people in a scene, as large as life: flat, upright, and nobody.
+//! Life-size posters of people in a scene: flat and upright.
 //!
-//! What is printed is the outline of somebody who looks out of the picture; the paper around it is
-//! left out. Seen from behind there is nothing on it.
+//! A poster shows the outline of a person who looks out of it; there is no paper around the
+//! outline. The back is empty.
 
 use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::body::skeleton::Joints;
@@ -12,21 +12,21 @@ use super::truth::{PersonTruth, SITE_JOINTS};
 use crate::body::{Build, Volume};
 use crate::motion::Clip;
 
-/// What is left of the depth of a body in print: enough that front and back are still told apart.
+/// Remaining depth of a printed body, as a share: enough to distinguish front and back.
 const RELIEF: f64 = 0.02;
 
-/// A picture of a person.
+/// A poster of a person.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Poster {
-    /// Stature of who is in it, metres.
+    /// Stature of the printed person, metres.
     pub stature_m: f64,
     /// Seed of shape, skin and clothes.
     pub build_seed: u64,
-    /// Where who is in it stood, world, metres: before it was printed.
+    /// The joints of the person before printing, world, metres.
     joints_m: Joints,
     /// A point of the paper, world, metres.
     at_m: Vector3<f64>,
-    /// To where it faces, unit.
+    /// Unit normal of the printed side.
     outward: Vector3<f64>,
 }
 
@@ -49,23 +49,23 @@ impl Poster {
         }
     }
 
-    /// The body of who is in it, flat.
+    /// The flat body of the printed person.
     pub fn volume(&self, build: &Build) -> Volume {
         let before = self.volume_before(build);
         before.squeezed(&self.flattening(RELIEF), &self.at_m)
     }
 
-    /// The same as it was before it was printed.
+    /// The body before printing.
     pub fn volume_before(&self, build: &Build) -> Volume {
         Volume::new(&self.joints_m, build)
     }
 
-    /// Where a point of the print (world, metres) was before.
+    /// The position of a printed point (world, metres) before printing.
     pub fn before_print(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
         self.at_m + self.flattening(1.0 / RELIEF) * (point_m - self.at_m)
     }
 
-    /// Who is in it, flat.
+    /// The printed person, flat.
     pub fn printed(&self) -> PersonTruth {
         let joints_m = self.joints_m.map(|joint| self.flat(&joint));
         PersonTruth {
@@ -74,17 +74,17 @@ impl Poster {
         }
     }
 
-    /// Where a point (world, metres) comes to lie in print.
+    /// The printed position of a point (world, metres).
     fn flat(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
         self.at_m + self.flattening(RELIEF) * (point_m - self.at_m)
     }
 
-    /// What leaves directions along the paper and makes `share` of those across it.
+    /// Keeps directions along the paper and scales those across it by `share`.
     fn flattening(&self, share: f64) -> Matrix3<f64> {
         Matrix3::identity() - self.outward * self.outward.transpose() * (1.0 - share)
     }
 
-    /// Whether a point (world, metres) lies on the printed side.
+    /// Whether a point (world, metres) is on the printed side.
     pub fn is_before(&self, point_m: &Vector3<f64>) -> bool {
         (point_m - self.at_m).dot(&self.outward) > 0.0
     }
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn somebody_as_large_as_life_is_flat_and_looks_out_of_the_picture() {
+    fn a_life_size_poster_is_flat_and_faces_outward() {
         for heading_rad in [0.0, 1.0, -2.5] {
             let printed = poster(heading_rad).printed();
             let (sin, cos) = f64::sin_cos(heading_rad);
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn it_has_a_back() {
+    fn a_poster_is_visible_from_the_front_only() {
         let poster = poster(0.0);
         assert!(poster.is_before(&Vector3::new(2.1, 5.0, 1.0)));
         assert!(!poster.is_before(&Vector3::new(1.9, 5.0, 1.0)));

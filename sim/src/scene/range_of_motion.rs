@@ -1,8 +1,8 @@
 //! How often a scene leaves the clinical range of motion.
 //!
-//! The people of a scene bend where the model has no joint and farther than its range of motion
-//! says. To tell how far, the model is fitted to their true joints without any bounds, and each of
-//! its degrees of freedom is compared with its bound.
+//! People in a scene bend where the model has no joint, and farther than its range of motion
+//! allows. To measure the excess, the model is fitted to the true joints without bounds. Then each
+//! degree of freedom is compared with its bound.
 
 use farfield_fusion::body::fit::fit;
 use farfield_fusion::body::observed::ObservedJoints;
@@ -15,15 +15,15 @@ use serde::Serialize;
 
 use super::Scene;
 
-/// What the fit itself may be off, degrees; less is not counted.
+/// Tolerance for errors of the fit, degrees; a smaller excess is not counted.
 pub const TOLERANCE_DEG: f64 = 3.0;
-/// Samples per second that are fitted: what people do changes little in between.
+/// Fitted samples per second: postures change little in between.
 const SAMPLES_PER_S: f64 = 6.0;
 
 /// How often, and how far, the people of a scene leave the clinical range of motion.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RangeOfMotionExcess {
-    /// Everybody, in the order of the scene.
+    /// All people, in the order of the scene.
     pub people: Vec<PersonExcess>,
 }
 
@@ -32,36 +32,36 @@ pub struct RangeOfMotionExcess {
 pub struct PersonExcess {
     /// Number in the truth file.
     pub person: u32,
-    /// Moments that were looked at.
+    /// Number of samples.
     pub samples: usize,
-    /// Moments at which any degree of freedom is outside by more than [`TOLERANCE_DEG`].
+    /// Samples at which any degree of freedom exceeds its bound by more than [`TOLERANCE_DEG`].
     pub outside: usize,
-    /// The same without ankles and feet, whose neutral posture every skeleton has its own.
+    /// The same without ankles and feet, whose neutral posture depends on the skeleton.
     pub outside_but_feet: usize,
-    /// Every degree of freedom that ever is, worst first.
+    /// Every degree of freedom with an excess, worst first.
     pub angles: Vec<AngleExcess>,
 }
 
 /// One degree of freedom of a [`PersonExcess`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AngleExcess {
-    /// Its name: the angle's, or for the three of a shoulder `arm_raise`, `arm_inward`, `arm_twist`.
+    /// Name of the angle; for the three of a shoulder `arm_raise`, `arm_inward`, `arm_twist`.
     pub name: String,
-    /// Moments at which it is outside.
+    /// Samples with an excess.
     pub outside: usize,
-    /// How far at most, degrees.
+    /// Largest excess, degrees.
     pub most_deg: f64,
 }
 
 impl RangeOfMotionExcess {
-    /// Moments of all people that were looked at, and at which they are outside.
+    /// Number of samples of all people, and of those with an excess.
     pub fn total(&self) -> (usize, usize) {
         let sum = |of: fn(&PersonExcess) -> usize| self.people.iter().map(of).sum();
         (sum(|p| p.samples), sum(|p| p.outside))
     }
 }
 
-/// Looks at every person of `scene`, six times a second. Takes milliseconds per moment.
+/// Examines every person of `scene` six times per second. Takes milliseconds per sample.
 pub fn range_of_motion_excess(scene: &Scene) -> RangeOfMotionExcess {
     let people = 0..scene.people().len();
     RangeOfMotionExcess {
@@ -113,7 +113,7 @@ fn of_person(scene: &Scene, person: usize) -> PersonExcess {
     }
 }
 
-/// How far every degree of freedom is outside at `tick`, degrees; 0 inside.
+/// Excess of every degree of freedom at `tick`, degrees; 0 inside the bounds.
 fn excess_deg(scene: &Scene, person: usize, tick: Tick) -> Option<[f64; N_JOINT_DOF]> {
     let truth = scene.person_at(person, scene.time_s(tick))?;
     let mut body = ObservedJoints::default();
@@ -138,7 +138,7 @@ fn is_of_foot(dof: usize) -> bool {
 
 fn dof_name(dof: usize) -> String {
     let name = ANGLE_NAMES[FIRST_JOINT_ANGLE + dof];
-    // A shoulder's degrees of freedom are swings and a twist, not the angles that are reported.
+    // A shoulder's degrees of freedom are swings and a twist, not the reported angles.
     [
         ("arm_flex", "arm_raise"),
         ("arm_add", "arm_inward"),

@@ -1,8 +1,9 @@
-//! Who cannot be seen from where: people behind glass, and people who are lost for a while.
+//! Visibility of people per viewpoint: people behind glass, and people who are hidden for a while.
 //!
-//! A person may be seen by some viewpoints only, for good (`seen_by`) or for a time (`[[lost]]`).
-//! The cameras of the others show nothing of them: no peak, no sighting, no reflection. Whom fewer
-//! than two viewpoints ever see has no place that anybody could find, and is not in the truth.
+//! A person may be visible to some viewpoints only, permanently (`seen_by`) or for a time
+//! (`[[lost]]`). Cameras of the other viewpoints show nothing of the person: no peak, no sighting,
+//! no reflection. A person who is never visible to two viewpoints cannot be located and is not in
+//! the truth.
 
 use std::collections::BTreeMap;
 
@@ -11,35 +12,35 @@ use farfield_proto::toml_file::{FileError, Place, TomlFile, unknown_name};
 use super::SceneViewpoint;
 use super::file::{PersonEntry, SceneFile};
 
-/// Viewpoints as bits: the n-th of the scene is bit n.
+/// Viewpoints as bits: viewpoint n of the scene is bit n.
 pub type ViewpointMask = u64;
 
-/// For how long somebody is lost to whom.
+/// An interval in which a person is visible to some viewpoints only.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LostInterval {
-    /// The person's place in the scene.
+    /// Index of the person in the scene.
     pub person: usize,
-    /// From when, seconds.
+    /// Start, seconds.
     pub from_s: f64,
-    /// Until when, seconds; seen again at it.
+    /// End, seconds; at this time the person is visible again.
     pub until_s: f64,
-    /// Who sees the person all the same.
+    /// The viewpoints that still see the person.
     pub seen_by: ViewpointMask,
 }
 
-/// Who is seen from where.
+/// The visibility of all people.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sight {
-    /// Per person, for good.
+    /// Permanent visibility, per person.
     seen_by: Vec<ViewpointMask>,
     pub(super) lost: Vec<LostInterval>,
 }
 
 impl Sight {
-    /// What `file` says of the viewpoints of its scene.
+    /// The visibility rules of `file` for the viewpoints of its scene.
     ///
     /// # Errors
-    /// [`FileError`] for a person or viewpoint that the scene does not have.
+    /// [`FileError`] for an unknown person or viewpoint.
     pub(super) fn new(
         file: &SceneFile,
         viewpoints: &[SceneViewpoint],
@@ -92,7 +93,7 @@ impl Sight {
         Ok(sight)
     }
 
-    /// The viewpoints that see `person` at `time_s`, whatever stands in between.
+    /// The viewpoints that see `person` at `time_s`, unless something blocks the view.
     pub(super) fn seen_by(&self, person: usize, time_s: f64) -> ViewpointMask {
         let for_good = self.seen_by.get(person).copied().unwrap_or(0);
         let lost = self
@@ -102,7 +103,7 @@ impl Sight {
         lost.fold(for_good, |mask, lost| mask & lost.seen_by)
     }
 
-    /// Whether as many viewpoints see `person` as a place takes: two.
+    /// Whether at least two viewpoints see `person`, as triangulation needs.
     pub(super) fn can_be_found(&self, person: usize) -> bool {
         self.seen_by
             .get(person)
@@ -131,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_nobody_has_is_answered_with_the_nearest() {
+    fn an_unknown_name_is_refused_with_the_nearest_name() {
         let message = refusal("seen_by = [\"north-west\", \"nort-east\"]\n");
         assert!(message.contains("`person[0].seen_by[1]`"), "{message}");
         assert!(message.contains("did you mean `north-east`?"), "{message}");
@@ -148,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn everybody_is_lost_where_nobody_is_named() {
+    fn a_lost_entry_without_a_name_applies_to_all_people() {
         let text = crate::embedded_files::SCENES
             .iter()
             .find(|s| s.0 == "court")

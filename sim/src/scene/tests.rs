@@ -1,5 +1,5 @@
-//! The fixed scenes, as far as they are at hand: people move as people can. Without the data
-//! these tests say so and pass.
+//! Tests of the fixed scenes, where they are available: people move as people can. Without the data
+//! these tests print a notice and pass.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,11 +11,11 @@ use super::range_of_motion::range_of_motion_excess;
 use super::*;
 use crate::fault_profile::Definition;
 
-/// Fastest pelvis of any clip, metres per second: a runner's 8, and what a recording's spikes add.
+/// Fastest pelvis of any clip, metres per second: a runner's 8, plus spikes of a recording.
 const FASTEST_M_S: f64 = 12.0;
-/// What may be missing of the distance that is kept.
+/// Allowed shortfall of the minimum distance.
 const SLACK_M: f64 = 0.01;
-/// How far beyond their edge people may come while they turn back.
+/// How far beyond their edge people may go while they turn back.
 const OVERSHOOT_M: f64 = 0.05;
 
 /// The scenes of `$FARFIELD_DATA/scenes`, else `../shared/scenes`, by name.
@@ -43,7 +43,7 @@ fn are_a_group(scene: &Scene, a: usize, b: usize) -> bool {
     group.is_some() && *group == scene.people()[b].group
 }
 
-/// The pelvis of everybody at every tick.
+/// The pelvis of every person at every tick.
 fn pelvises(scene: &Scene) -> Vec<Vec<Option<Vector2<f64>>>> {
     let at = |person: usize, tick: i64| {
         let truth = scene.person_at(person, scene.time_s(Tick(tick)))?;
@@ -57,7 +57,7 @@ fn pelvises(scene: &Scene) -> Vec<Vec<Option<Vector2<f64>>>> {
 }
 
 #[test]
-fn nobody_teleports() {
+fn people_never_jump() {
     for (name, scene) in scenes(&[]) {
         for (person, track) in pelvises(&scene).iter().enumerate() {
             let fastest_m_s = track
@@ -108,7 +108,7 @@ fn people_stay_in_the_field_once_they_are_inside() {
 }
 
 #[test]
-fn the_first_tick_is_as_the_file_says() {
+fn the_first_tick_matches_the_file() {
     for (name, scene) in scenes(&["a", "b", "c", "d", "f", "futsal"]) {
         let track = pelvises(&scene);
         let expected = match name.as_str() {
@@ -137,7 +137,7 @@ fn a_sprinter_never_slows_down() {
 }
 
 #[test]
-fn people_are_there_from_when_they_enter() {
+fn people_are_present_from_their_entry() {
     for (_, scene) in scenes(&["enter"]) {
         let third = &scene.people()[2];
         assert!(scene.person_at(2, third.enter_s - 1e-6).is_none());
@@ -160,7 +160,7 @@ fn truth_between_ticks_moves_as_evenly_as_at_them() {
 }
 
 #[test]
-fn the_same_file_gives_the_same_truth_at_any_rate() {
+fn truth_does_not_depend_on_the_rate() {
     let (first, again) = (scenes(&["c"]), scenes(&["c"]));
     for ((_, first), (_, again)) in first.into_iter().zip(again) {
         let again = again.with_rate(30.0).shortened(5.0);
@@ -188,7 +188,7 @@ fn the_fault_definition_moves_hips_and_knees_only() {
 }
 
 #[test]
-fn clips_leave_the_clinical_range_of_motion_and_it_is_counted() {
+fn motion_outside_the_clinical_range_is_counted() {
     for (name, scene) in scenes(&["b"]) {
         let excess = range_of_motion_excess(&scene.shortened(4.0));
         let (samples, outside) = excess.total();

@@ -1,9 +1,9 @@
-//! What is true of a person at one moment: its joints, and the sites that a network is asked for.
+//! The truth of a person at one moment: its joints, and the keypoint sites that a network
+//! estimates.
 //!
 //! The joints are those of the clip's own skeleton (see [`crate::motion`]). The sites of the 17
-//! keypoints are the joints of the same name, except at hips and knees when the fault `definition` is
-//! on: a network's idea of these lies beside the joint, at a constant place in the pelvis (hips) or
-//! the thigh (knees).
+//! keypoints are the joints of the same name. With the fault `definition`, hips and knees differ:
+//! the network's definition has a constant offset in the pelvis (hips) or the thigh (knees).
 
 use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::body::skeleton::Joints;
@@ -37,7 +37,7 @@ pub const SITE_JOINTS: [Joint; N_SITES] = [
     Joint::RightAnkle,
 ];
 
-/// Positions of the keypoints in COCO's order within [`SITE_JOINTS`].
+/// Indices in [`SITE_JOINTS`], in COCO's order.
 const LEFT_HIP: usize = 11;
 const RIGHT_HIP: usize = 12;
 const LEFT_KNEE: usize = 13;
@@ -53,7 +53,7 @@ pub struct PersonTruth {
 }
 
 impl PersonTruth {
-    /// Where one joint is.
+    /// The position of one joint.
     pub fn joint_m(&self, joint: Joint) -> Vector3<f64> {
         self.joints_m[joint.index()]
     }
@@ -70,13 +70,13 @@ impl PersonTruth {
     }
 }
 
-/// In which direction a network's hips and knees of one person lie: left and right hip in the axes
-/// of the pelvis, left and right knee in those of their thighs.
+/// The directions of a person's hip and knee offsets: left and right hip in the axes of the pelvis,
+/// left and right knee in those of their thighs.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DefinitionOffsets([UnitVector3<f64>; 4]);
 
 impl DefinitionOffsets {
-    /// Draws the directions of the `person`-th: uniform on the sphere, each for itself.
+    /// Draws the directions of `person`: uniform on the sphere, independent of each other.
     pub(super) fn draw(seed: u64, person: usize) -> Self {
         let mut rng = draws(seed, Purpose::Definition, person);
         Self(std::array::from_fn(|_| {
@@ -91,8 +91,8 @@ impl DefinitionOffsets {
         let at = |joint: Joint| joints_m[joint.index()];
         let pelvis = pelvis_axes(joints_m);
         let thigh = |hip: Joint, knee: Joint| {
-            // The thigh's axes are the pelvis's, swung the shortest way: without a jump as long as
-            // no thigh points straight up along the trunk.
+            // The thigh's axes are the pelvis's, swung the shortest way: continuous as long as no
+            // thigh points straight up along the trunk.
             let down = -(pelvis * Vector3::z());
             let swing = Rotation3::rotation_between(&down, &(at(knee) - at(hip)));
             swing.unwrap_or_else(Rotation3::identity) * pelvis
@@ -142,14 +142,14 @@ mod tests {
     }
 
     #[test]
-    fn sites_carry_the_names_of_their_joints() {
+    fn sites_are_named_like_their_joints() {
         for (joint, name) in SITE_JOINTS.into_iter().zip(COCO17) {
             assert_eq!(joint.name(), name);
         }
     }
 
     #[test]
-    fn hips_and_knees_are_off_by_a_constant_of_the_body() {
+    fn hip_and_knee_offsets_are_constant_in_the_body() {
         let offsets = DefinitionOffsets::draw(7, 3);
         let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.5);
         let upright = joints_m(UnitQuaternion::identity(), 0.0);

@@ -1,4 +1,5 @@
-//! The files of a scene: its cameras as a calibration, its truth line by line, and a summary.
+//! Writes the files of a scene: its cameras as a calibration, its truth line by line, and a
+//! summary.
 
 use std::fmt::Write as _;
 use std::io;
@@ -50,7 +51,7 @@ pub fn calibration_text<'a>(cameras: impl IntoIterator<Item = &'a CameraModel>) 
     text
 }
 
-/// One line of `truth.jsonl`, without its end: world metres, 5 decimals.
+/// One line of `truth.jsonl` without line end: world metres, 5 decimals.
 pub fn truth_line(tick: Tick, person: u32, truth: &PersonTruth) -> String {
     let mut line = format!("{{\"tick\": {tick}, \"person\": {person}, \"joints\": {{");
     let joints = Joint::ALL.iter().map(|joint| joint.name());
@@ -71,20 +72,20 @@ fn push_points<'a>(line: &mut String, points: impl Iterator<Item = (&'a str, &'a
     }
 }
 
-/// Writes the lines of `ticks` and all people of `scene`, sorted by tick, then number.
+/// Writes the lines of `ticks` for all people of `scene`, sorted by tick, then number.
 ///
 /// # Errors
-/// What `out` answers.
+/// An error of `out`.
 pub fn write_truth(scene: &Scene, ticks: &Range<Tick>, out: &mut impl io::Write) -> io::Result<()> {
     let ticks = (ticks.start.0..ticks.end.0).map(Tick);
     write_truth_at(scene, ticks.map(|tick| (tick, scene.time_s(tick))), out)
 }
 
-/// As [`write_truth`], of recordings in which the scene's time does not run as the ticks do: every
-/// tick with the time that it shows, seconds.
+/// As [`write_truth`], for recordings whose scene time does not follow the ticks: every tick with
+/// the time that it shows, seconds.
 ///
 /// # Errors
-/// What `out` answers.
+/// An error of `out`.
 pub fn write_truth_at(
     scene: &Scene,
     moments: impl Iterator<Item = (Tick, f64)>,
@@ -104,7 +105,7 @@ pub fn write_truth_at(
     Ok(())
 }
 
-/// What a scene holds, for people and for `summary.json`.
+/// A summary of a scene, for people and for `summary.json`.
 #[derive(Debug, Clone, Serialize)]
 pub struct SceneSummary {
     /// Ticks per second.
@@ -119,7 +120,8 @@ pub struct SceneSummary {
     pub viewpoints: Vec<String>,
     /// Names of the cameras.
     pub cameras: Vec<String>,
-    /// Name, stature (metres), first and last tick of everybody who is there for a tick at least.
+    /// Name, stature (metres), first and last tick of all people who are present for at least one
+    /// tick.
     pub people: Vec<ScenePersonSummary>,
     /// Whether there is a ball.
     pub ball: bool,
@@ -134,25 +136,25 @@ pub struct ScenePersonSummary {
     pub name: String,
     /// Stature, metres.
     pub stature_m: f64,
-    /// First tick at which it is there.
+    /// First tick of the presence.
     pub first_tick: i64,
-    /// Last tick at which it is there.
+    /// Last tick of the presence.
     pub last_tick: i64,
 }
 
 impl SceneSummary {
-    /// What `scene` holds.
+    /// The summary of `scene`.
     pub fn new(scene: &Scene) -> Self {
         let ticks = scene.ticks().start.0..scene.ticks().end.0;
-        let people = scene.people().iter().enumerate().filter_map(|(i, who)| {
+        let people = scene.people().iter().enumerate().filter_map(|(i, person)| {
             let there = |tick: &i64| {
                 let time_s = scene.time_s(Tick(*tick));
                 scene.is_there(i, time_s)
             };
             Some(ScenePersonSummary {
-                person: who.number,
-                name: who.name.clone(),
-                stature_m: who.stature_m,
+                person: person.number,
+                name: person.name.clone(),
+                stature_m: person.stature_m,
                 first_tick: ticks.clone().find(there)?,
                 last_tick: ticks.clone().rev().find(there)?,
             })
@@ -184,12 +186,12 @@ mod tests {
     use super::*;
     use crate::scene::N_SITES;
 
-    /// A scene of nobody.
+    /// A scene without people.
     fn empty() -> Scene {
         empty_with("")
     }
 
-    /// The same, with more said of its cameras.
+    /// The same with additional camera settings.
     fn empty_with(more: &str) -> Scene {
         let text = format!(
             "rate_hz = 60\nseconds = 2\nsize_m = [7, 5]\n\
@@ -202,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_that_are_written_are_read_back() {
+    fn written_cameras_are_read_back() {
         let mixed =
             "fisheye = [-0.02, 0.005, -0.002, 0.0003]\nfisheye_viewpoints = [\"north-west\"]\n";
         for scene in [empty(), empty_with(mixed)] {
@@ -274,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn a_summary_says_what_there_is() {
+    fn a_summary_lists_people_cameras_and_ticks() {
         let summary = SceneSummary::new(&empty());
         assert_eq!(
             (summary.ticks, summary.people.len(), summary.ball),

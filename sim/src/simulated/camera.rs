@@ -13,22 +13,22 @@ use crate::faults::{MapFaults, SceneCrowd};
 use crate::render::{RenderSettings, Renderer};
 use crate::scene::Scene;
 
-/// Pictures that wait to be taken: one while the next is rendered.
+/// Finished pictures in the queue: one while the next is rendered.
 const AHEAD: usize = 1;
 
-/// The frames of one camera, tick after tick.
+/// The frames of one camera, tick by tick.
 pub struct SimulatedSource {
     frames: Frames,
     /// The next tick of the scene.
     next: Tick,
     end: Tick,
-    /// Tick of the venue at the scene's tick 0.
+    /// The venue's tick at the scene's tick 0.
     first: Tick,
     camera: String,
 }
 
 enum Frames {
-    /// Made by a thread that ends when nobody takes them any more.
+    /// Rendered by a thread that ends when the receiver is gone.
     Pixels {
         pictures: Receiver<RgbImage>,
         capture_offset_us: i32,
@@ -37,13 +37,13 @@ enum Frames {
 }
 
 impl SimulatedSource {
-    /// The camera at `camera` in the list of the crowd's scene, over `ticks` of the scene; `first` is
-    /// the venue's tick at the scene's tick 0. Cameras of one process share their crowd. Free-running
-    /// cameras capture off their ticks; pictures have none of the scene's other faults.
+    /// Camera `camera` of the crowd's scene, over `ticks` of the scene; `first` is the venue's tick
+    /// at the scene's tick 0. Cameras of one process share their crowd. Free-running cameras
+    /// capture at an offset from their ticks; pictures have none of the scene's other faults.
     ///
     /// # Errors
-    /// [`SourceError::Scene`] when the scene has no such camera, or a mirror, which pictures cannot show,
-    /// or the system no thread left.
+    /// [`SourceError::Scene`] for an unknown camera, a scene with a mirror, which pictures cannot
+    /// show, or if no thread can be started.
     pub fn new(
         crowd: &Arc<SceneCrowd>,
         camera: usize,
@@ -65,7 +65,7 @@ impl SimulatedSource {
                 problem: "the scene has a `[[mirror]]`, which pictures cannot show: only maps and keypoints can".to_owned(),
             });
         }
-        let maps = MapFaults::of(Arc::clone(crowd), camera);
+        let maps = MapFaults::with_crowd(Arc::clone(crowd), camera);
         let (next, end) = (ticks.start, ticks.end);
         let frames = match content {
             SimulatedContent::Maps => Frames::Maps(Box::new(maps)),
@@ -129,7 +129,7 @@ impl FrameSource for SimulatedSource {
     }
 }
 
-/// The pictures of one camera that are to be rendered.
+/// The pictures of one camera to render.
 struct Reel {
     scene: Arc<Scene>,
     camera: usize,
@@ -147,7 +147,7 @@ impl Reel {
         Ok(taken)
     }
 
-    /// Renders until all is done, or nobody takes the pictures.
+    /// Renders until all is done, or the receiver is gone.
     fn render(self, pictures: &SyncSender<RgbImage>) {
         let settings = RenderSettings::default();
         let Some(renderer) = Renderer::new(Arc::clone(&self.scene), self.camera, settings) else {

@@ -1,4 +1,4 @@
-//! The venue of a scene, in memory: what `farfield simulate` would write, without a file.
+//! The venue of a scene in memory: what `farfield simulate` would write, without files.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -18,22 +18,21 @@ use super::SimulatedSource;
 use crate::faults::SceneCrowd;
 use crate::scene::Scene;
 
-/// Cells of the maps that are made without pixels: width, height.
+/// Cells of the maps made without pixels: width, height.
 const GRID: [u16; 2] = [48, 64];
 /// Sigma of their peaks, cells.
 const SIGMA_CELLS: f64 = 2.0;
 
-/// What the cameras of a scene give.
+/// The output of a scene's cameras.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Input {
-    /// Maps made from the truth with the scene's faults. People are found unaided.
+    /// Maps made from the truth with the scene's faults. People are detected automatically.
     Maps,
-    /// Rendered pictures, read by the network with this card.
+    /// Rendered pictures for the network of this card.
     Pixels {
         /// The network's card.
         network: PathBuf,
-        /// The card of the detector that finds the people; without one they are given by hand where
-        /// they come in.
+        /// The card of the detector. Without it, people are given by hand at their entry.
         detector: Option<PathBuf>,
     },
 }
@@ -47,7 +46,7 @@ impl Input {
     }
 }
 
-/// The venue of `scene`, over all its ticks.
+/// The venue of `scene` over all its ticks.
 pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
     let mut viewpoints = Vec::new();
     let mut cameras = Vec::new();
@@ -108,13 +107,13 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
     }
 }
 
-/// The frames of every camera of the venue that [`venue_of`] makes, in its order.
+/// The frames of every camera of [`venue_of`]'s venue, in its order.
 ///
-/// Pictures have none of the faults of maps: for [`Input::Pixels`] the scene must come from
-/// [`super::without_map_faults`], or its truth has sites that no picture shows.
+/// Pictures have none of the faults of maps. For [`Input::Pixels`] the scene must come from
+/// [`super::without_map_faults`]; otherwise its truth has sites that no picture shows.
 ///
 /// # Errors
-/// When the system has no thread left to render with.
+/// When no thread can be started for rendering.
 pub fn sources_of(
     scene: &Arc<Scene>,
     input: &Input,
@@ -130,7 +129,7 @@ pub fn sources_of(
         .collect()
 }
 
-/// Everybody at the first tick at which they are inside the field.
+/// All people at the first tick at which they are inside the field.
 fn given(scene: &Scene) -> Vec<GivenPerson> {
     let [min_m, max_m] = scene.field_bounds_m();
     let Range { start, end } = scene.ticks();

@@ -1,7 +1,7 @@
-//! Simulated cameras as sources of a venue: what an edge asks of a camera, answered from a scene.
+//! Simulated cameras as sources of a venue: an edge's requests, answered from a scene.
 //!
-//! The n-th tick of a scene is the venue's `first_tick` + n. Pictures are rendered by a thread of
-//! their own, a little ahead of whoever takes them; maps are made when they are asked for.
+//! Tick n of a scene is the venue's tick `first_tick` + n. A separate thread renders pictures
+//! slightly in advance. Maps are made on request.
 
 mod camera;
 pub mod in_memory;
@@ -16,7 +16,7 @@ pub use sources::VenueSources;
 pub use venue_text::{VenueText, quoted};
 
 /// The scene as pictures show it: its cameras may be free-running, all other faults are those of
-/// maps. Without them the truth's keypoint sites are where the body has them.
+/// maps. Without them the truth's keypoint sites agree with the body.
 #[must_use]
 pub fn without_map_faults(scene: Scene) -> Scene {
     let faults = FaultProfile {

@@ -1,4 +1,4 @@
-//! All kinds of sources: those that an edge knows by itself, and simulated ones.
+//! All kinds of sources: those that an edge supports by itself, and simulated ones.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -18,21 +18,21 @@ use crate::faults::SceneCrowd;
 use crate::maps_file::{MapsFile, MapsSource, load, same_rate, ticks_of};
 use crate::scene::Scene;
 
-/// Opens recorded, live and simulated sources, and maps made beforehand. Scenes and maps are read once.
+/// Opens recorded, live and simulated sources, and precomputed maps. Scenes and maps are read once.
 #[derive(Debug, Default)]
 pub struct VenueSources {
     recorded: RecordedSources,
     /// The people of every scene, by its file.
     crowds: Mutex<BTreeMap<PathBuf, Arc<SceneCrowd>>>,
-    /// Maps made beforehand, by their file.
+    /// Precomputed maps, by their file.
     maps: Mutex<BTreeMap<PathBuf, Arc<MapsFile>>>,
 }
 
-/// A camera of a scene that fits the venue's.
+/// A camera of a scene that matches the venue's.
 struct Simulated {
     crowd: Arc<SceneCrowd>,
     camera: usize,
-    /// In ticks of the venue.
+    /// Ticks of the venue.
     ticks: Range<Tick>,
 }
 
@@ -62,7 +62,7 @@ impl VenueSources {
         Ok(file)
     }
 
-    /// Finds the scene's camera, and refuses what does not fit the venue.
+    /// Finds the scene's camera and refuses one that does not match the venue.
     fn simulated(
         &self,
         path: &Path,

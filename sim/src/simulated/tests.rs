@@ -1,4 +1,4 @@
-//! Cameras of a scene as a venue gets to know them.
+//! Cameras of a scene as sources of a venue.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -38,13 +38,13 @@ fn venue_of(scene: &Scene, path: &Path, content: &str) -> Venue {
 }
 
 #[test]
-fn the_venue_of_a_scene_is_one_that_nodes_take() {
+fn the_venue_of_a_scene_is_valid() {
     let scene = embedded::scene("court").unwrap();
     let venue = venue_of(&scene, Path::new("scene.toml"), "pixels");
     assert_eq!(venue.cameras.len(), scene.cameras().len());
     assert_eq!(venue.viewpoints.len(), scene.viewpoints().len());
     assert_eq!(venue.first_tick, FIRST);
-    // Everybody is there from the start, and given where the truth has them.
+    // All people are present from the start, and are given at their true positions.
     assert_eq!(venue.given_persons.len(), scene.people().len());
     let nose_m = venue.given_persons[0].keypoints_m["nose"];
     let truth = scene.person_at(0, scene.time_s(Tick(3))).unwrap();
@@ -53,7 +53,7 @@ fn the_venue_of_a_scene_is_one_that_nodes_take() {
 }
 
 #[test]
-fn a_scenes_ticks_are_counted_from_the_venues_first() {
+fn a_scenes_ticks_start_at_the_venues_first_tick() {
     let folder = tempfile::tempdir().unwrap();
     let path = embedded::write_scene("court", folder.path()).unwrap();
     let scene = Scene::load(&path).unwrap();
@@ -70,7 +70,7 @@ fn a_scenes_ticks_are_counted_from_the_venues_first() {
         panic!("maps are painted");
     };
     let crowd = Arc::new(SceneCrowd::new(Arc::new(scene)));
-    let expected = MapFaults::of(crowd, 0).observe(Tick(5));
+    let expected = MapFaults::with_crowd(crowd, 0).observe(Tick(5));
     let expected: &dyn farfield_edge::source::MapPainter = &expected;
     assert_eq!(seen.persons(), expected.persons());
     for outside in [Tick(99), ticks.end] {
@@ -100,7 +100,7 @@ fn pictures_come_one_by_one_and_end_with_the_scene() {
 }
 
 #[test]
-fn what_does_not_fit_the_venue_is_refused_by_name() {
+fn a_mismatch_with_the_venue_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = embedded::write_scene("court", folder.path()).unwrap();
     let scene = Scene::load(&path).unwrap();
@@ -121,7 +121,7 @@ fn what_does_not_fit_the_venue_is_refused_by_name() {
 }
 
 #[test]
-fn pictures_have_no_fault_but_their_time() {
+fn pictures_have_only_the_fault_of_their_time() {
     let mut faults = FaultProfile::standard();
     faults.free_running = true;
     let scene = embedded::scene("court").unwrap().with_faults(faults);

@@ -1,4 +1,4 @@
-//! The venue file of a scene: its viewpoints and cameras, with sources of whatever kind.
+//! The venue file of a scene: its viewpoints and cameras, with sources of any kind.
 
 use std::fmt::Write as _;
 use std::ops::Range;
@@ -10,17 +10,17 @@ use nalgebra::Vector3;
 
 use crate::scene::Scene;
 
-/// What `venue.toml` shall say beside what the scene says. Paths are those of the venue's folder.
+/// The content of `venue.toml` in addition to the scene. Paths are relative to the venue's folder.
 pub struct VenueText<'a> {
     /// The scene.
     pub scene: &'a Scene,
     /// Name of the venue: letters, digits, `-`, `_` and `.`.
     pub name: &'a str,
-    /// What the file begins with: comment lines.
+    /// Comment lines at the start of the file.
     pub head: &'a str,
     /// The calibration file.
     pub calibration: &'a str,
-    /// The network's card; needed where sources give pictures.
+    /// The network's card; required if sources give pictures.
     pub network: Option<&'a str>,
     /// The detector's card.
     pub detector: Option<&'a str>,
@@ -28,8 +28,8 @@ pub struct VenueText<'a> {
     pub source: &'a dyn Fn(&CameraModel) -> String,
     /// Tick of the first frame of recorded sources.
     pub first_tick: Tick,
-    /// The people are given by hand at the first of these ticks that they are there: for sources
-    /// without sightings. `None`: they are found.
+    /// The people are given by hand at the first of these ticks at which they are present, for
+    /// sources without sightings. `None`: people are detected.
     pub given: Option<Range<Tick>>,
 }
 
@@ -96,8 +96,8 @@ impl VenueText<'_> {
     }
 }
 
-/// The first of `ticks` at which a person is inside the field, and where the keypoints' sites are
-/// then: world, metres, in COCO's order.
+/// The first of `ticks` at which a person is inside the field, and the keypoint sites at that time:
+/// world, metres, in COCO's order.
 fn first_seen(
     scene: &Scene,
     person: usize,

@@ -1,4 +1,4 @@
-//! The ranges of a scene file's numbers, and what its parts must have in common.
+//! Checks the ranges of a scene file's numbers and the consistency of its parts.
 
 use std::collections::BTreeSet;
 
@@ -10,7 +10,7 @@ use super::{
     MAX_PERSON_SECONDS, MAX_TICKS,
 };
 
-/// Most clips of one person, and most points of one path.
+/// Largest number of clips of one person, and of points of one path.
 const MAX_LIST: usize = 1000;
 
 /// The checks that types cannot make.
@@ -19,7 +19,7 @@ pub(super) struct Check<'a> {
 }
 
 impl Check<'_> {
-    /// Refuses what is not from `min` to `max`; NaN is in no range.
+    /// Refuses values outside `min` to `max`, and NaN.
     fn range(&self, place: &Place, value: f64, [min, max]: [f64; 2]) -> Result<(), FileError> {
         if (min..=max).contains(&value) {
             return Ok(());
@@ -68,7 +68,7 @@ impl Check<'_> {
         match (&raw.cameras, &raw.calibration) {
             (Some(_), Some(_)) => Err(self.file.error(
                 &Place::field("calibration"),
-                "found beside `[cameras]`, expected one of the two",
+                "found together with `[cameras]`, expected one of the two",
             )),
             (None, None) => Err(self.file.error(
                 &place,
@@ -76,7 +76,7 @@ impl Check<'_> {
             )),
             (Some(_), None) if !raw.viewpoint.is_empty() => Err(self.file.error(
                 &Place::field("viewpoint").index(0),
-                "found beside `[cameras]`, expected it only with `calibration`",
+                "found together with `[cameras]`, expected it only with `calibration`",
             )),
             (Some(cameras), None) => {
                 self.generated(&place, cameras)?;
@@ -170,7 +170,7 @@ impl Check<'_> {
         Ok(())
     }
 
-    /// What stands in the scene beside people, and what is hidden of these.
+    /// Checks mirrors, posters and `[[lost]]` entries.
     pub(super) fn surroundings(&self, raw: &SceneTable) -> Result<(), FileError> {
         let (mirrors, posters) = (Place::field("mirror"), Place::field("poster"));
         self.count(&mirrors, raw.mirror.len(), [0, MAX_MIRRORS])?;
@@ -242,7 +242,7 @@ impl Check<'_> {
             self.point(&points.index(i), *point_m)?;
         }
         self.range(&place.key("speed_m_s"), path.speed_m_s, [0.0, 15.0])?;
-        // One lap back and forth is walked at most a few times a second.
+        // Limits the laps back and forth to a few per second.
         let length_m: f64 = path
             .points_m
             .windows(2)

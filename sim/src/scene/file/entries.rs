@@ -1,15 +1,15 @@
-//! What a scene file says of each camera, person and thing.
+//! The cameras, people and objects of a scene file.
 
 use std::path::PathBuf;
 
 use serde::Deserialize;
 
-/// Where the cameras of a scene come from.
+/// The origin of a scene's cameras.
 #[derive(Debug, Clone)]
 pub enum CameraSource {
-    /// Made for the field.
+    /// Generated for the field.
     Generated(GeneratedCameras),
-    /// A calibration file and who stands where, as in a venue.
+    /// A calibration file and its viewpoints, as in a venue.
     Calibrated {
         /// The calibration file.
         calibration: PathBuf,
@@ -24,27 +24,27 @@ pub enum CameraSource {
 pub struct GeneratedCameras {
     /// Number of viewpoints: corners first, then evenly along the edge.
     pub viewpoints: usize,
-    /// Cameras of each viewpoint; together they cover the field.
+    /// Cameras per viewpoint; together they cover the field.
     pub per_viewpoint: usize,
     /// Height of the cameras above the floor, metres.
     #[serde(default = "default_height_m")]
     pub height_m: f64,
-    /// How far outside the field's edge they stand, metres.
+    /// Distance of the cameras from the edge of the field, metres.
     #[serde(default = "default_setback_m")]
     pub setback_m: f64,
-    /// Width and height of their images, pixels.
+    /// Width and height of the images, pixels.
     #[serde(default = "default_size_px")]
     pub size_px: [u32; 2],
-    /// k1 to k4 of OpenCV's fisheye model, where they have such lenses.
+    /// k1 to k4 of OpenCV's fisheye model; `None` for ordinary lenses.
     #[serde(default)]
     pub fisheye: Option<[f64; 4]>,
-    /// Names of the viewpoints whose cameras have `fisheye` lenses; all of them where it is left out.
+    /// Names of the viewpoints with `fisheye` lenses; `None`: all.
     #[serde(default)]
     pub fisheye_viewpoints: Option<Vec<String>>,
 }
 
 impl GeneratedCameras {
-    /// The coefficients of the fisheyes of the viewpoint `name`; `None` where its cameras have ordinary lenses.
+    /// The fisheye coefficients of the viewpoint `name`; `None` for ordinary lenses.
     pub fn fisheye_of(&self, name: &str) -> Option<[f64; 4]> {
         let named = |names: &Vec<String>| names.iter().any(|it| it == name);
         self.fisheye
@@ -57,78 +57,78 @@ impl GeneratedCameras {
 pub struct PersonEntry {
     /// Name, unique in the scene.
     pub name: String,
-    /// Motion clips in the order in which they are played.
+    /// Motion clips in playing order.
     pub clips: Vec<PathBuf>,
-    /// How long one clip blends into the next, seconds.
+    /// Duration of the blend from one clip into the next, seconds.
     pub blend_s: f64,
-    /// Where the pelvis is at first, metres.
+    /// Position of the pelvis at the start, metres.
     pub at_m: [f64; 2],
-    /// Where it faces at first, from +x towards +y, radians.
+    /// Heading at the start, from +x towards +y, radians.
     pub heading_rad: f64,
     /// Stature, metres.
     pub height_m: f64,
-    /// Whether its way is turned back into the field.
+    /// Whether the person is turned back into the field.
     pub keep_inside: bool,
     /// People of one group share their clips' coordinate frame.
     pub group: Option<String>,
-    /// When it appears, seconds.
+    /// Time of the first appearance, seconds.
     pub enter_s: f64,
-    /// When it is gone, seconds.
+    /// End of the presence, seconds.
     pub leave_s: f64,
-    /// What it walks along instead of the clip's own way.
+    /// The path to walk; `None`: the clips' own motion.
     pub path: Option<PathEntry>,
-    /// Names of the only viewpoints that see it, as behind glass; `None`: all.
+    /// Names of the only viewpoints that see the person, as behind glass; `None`: all.
     pub seen_by: Option<Vec<String>>,
 }
 
-/// A path, walked to its end and back again.
+/// A path, walked to its end and back again, repeatedly.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PathEntry {
     /// Corners, metres on the floor.
     pub points_m: Vec<[f64; 2]>,
-    /// Speed along it, metres per second; 0 stands at the first point.
+    /// Speed along the path, metres per second; at 0 the person stands at the first point.
     pub speed_m_s: f64,
 }
 
-/// A mirror as it is written.
+/// A mirror in the file.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MirrorEntry {
-    /// The lower corner on the right of whoever looks into it, metres on the floor.
+    /// The lower right corner for a viewer in front of the mirror, metres on the floor.
     pub from_m: [f64; 2],
-    /// The one on the left.
+    /// The lower left corner, metres on the floor.
     pub to_m: [f64; 2],
-    /// How high it reaches from the floor, metres.
+    /// Height above the floor, metres.
     pub height_m: f64,
 }
 
-/// A poster as it is written, its clip not yet read.
+/// A poster in the file, before its clip is read.
 #[derive(Debug, Clone)]
 pub struct PosterEntry {
-    /// Where the pelvis is, metres on the floor.
+    /// Position of the pelvis, metres on the floor.
     pub at_m: [f64; 2],
-    /// Where the picture faces, from +x towards +y, radians.
+    /// Direction of the printed side, from +x towards +y, radians.
     pub heading_rad: f64,
-    /// Stature of who is in it, metres.
+    /// Stature of the printed person, metres.
     pub height_m: f64,
-    /// The motion clip that it is taken from.
+    /// The motion clip of the printed posture.
     pub clip: PathBuf,
-    /// When in the clip, seconds.
+    /// Time in the clip, seconds.
     pub time_s: f64,
 }
 
-/// A person, or everybody, lost to all but some viewpoints, as it is written.
+/// One person or all people, hidden from all but some viewpoints for a while.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LostEntry {
-    /// Name of the person; everybody where it is left out.
+    /// Name of the person; `None`: all people.
     pub person: Option<String>,
-    /// From when, seconds.
+    /// Start, seconds.
     pub from_s: f64,
-    /// Until when, seconds.
+    /// End, seconds.
     pub until_s: f64,
-    /// The viewpoints that see the person all the same.
+    /// The viewpoints that still see the person.
     #[serde(default)]
     pub except: Vec<String>,
 }

@@ -1,7 +1,8 @@
-//! The scene file: who moves where, seen by which cameras, with which faults.
+//! The scene file: people, cameras and faults.
 //!
-//! Strict: an unknown field is answered with the nearest known name, a number out of its range
-//! with file, line and field. Nothing is opened here; paths are those of the file, resolved.
+//! The parser is strict. An unknown field is refused with the nearest known name; a number out of
+//! range is refused with file, line and field. The parser opens no other file; it resolves paths
+//! relative to the scene file.
 
 mod check;
 mod entries;
@@ -17,20 +18,20 @@ use self::raw::SceneTable;
 use crate::fault_profile::FaultProfile;
 use farfield_proto::toml_file::{FileError, TomlFile};
 
-/// Most people of a scene.
+/// Largest number of people of a scene.
 pub const MAX_PEOPLE: usize = 200;
-/// Most mirrors of a scene.
+/// Largest number of mirrors.
 pub const MAX_MIRRORS: usize = 8;
-/// Most people, what mirrors show of them, and posters together.
+/// Largest number of people, reflections and posters together.
 pub const MAX_FIGURES: usize = 400;
-/// Most cameras of a scene.
+/// Largest number of cameras.
 pub const MAX_CAMERAS: usize = 64;
-/// Most ticks of a scene: an hour at 60 Hz.
+/// Largest number of ticks: an hour at 60 Hz.
 pub const MAX_TICKS: f64 = 216_000.0;
-/// Most seconds of all people together; paths are planned when a scene is loaded.
+/// Largest sum of all people's seconds; paths are planned when a scene is loaded.
 pub const MAX_PERSON_SECONDS: f64 = 20_000.0;
 
-/// A scene as it is written, every number inside its range.
+/// The content of a scene file, with all numbers in range.
 #[derive(Debug, Clone)]
 pub struct SceneFile {
     /// Ticks per second.
@@ -39,39 +40,40 @@ pub struct SceneFile {
     pub seconds: f64,
     /// Seed of every draw.
     pub seed: u64,
-    /// Field, x by y, centred on the origin, metres.
+    /// Size of the field, x by y, centred on the origin, metres.
     pub size_m: [f64; 2],
-    /// Height of what people stand on above the ground, metres: a stage. All else counts from the ground.
+    /// Height of the floor under the people above the ground, metres, for a stage. Other heights
+    /// are relative to the ground.
     pub floor_m: f64,
-    /// Where cameras come from.
+    /// The origin of the cameras.
     pub cameras: CameraSource,
     /// The people, in file order.
     pub people: Vec<PersonEntry>,
     /// Mirrors.
     pub mirrors: Vec<MirrorEntry>,
-    /// Pictures of people.
+    /// Posters of people.
     pub posters: Vec<PosterEntry>,
-    /// Who is lost for a while.
+    /// Times at which people are hidden.
     pub lost: Vec<LostEntry>,
     /// Whether there is a ball.
     pub ball: bool,
-    /// Faults of maps without pixels.
+    /// Faults of maps made without pixels.
     pub faults: FaultProfile,
 }
 
 impl SceneFile {
-    /// Every motion clip that the scene names.
+    /// All motion clips of the scene.
     pub fn clips(&self) -> impl Iterator<Item = &Path> {
         let of_people = self.people.iter().flat_map(|person| &person.clips);
         let of_posters = self.posters.iter().map(|poster| &poster.clip);
         of_people.chain(of_posters).map(PathBuf::as_path)
     }
 
-    /// Reads a scene's text; `path` is what paths inside it are relative to, and named in errors.
+    /// Parses a scene. Paths inside `text` are relative to `path`, which errors also name.
     ///
     /// # Errors
     /// [`FileError`] with line and field for broken syntax, a missing, unknown or mistyped field, a
-    /// number out of its range, and names that are taken twice.
+    /// number out of range, and duplicate names.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
         let file = TomlFile::parse(text, path)?;
         let raw: SceneTable = file.read()?;
@@ -138,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_out_has_its_default() {
+    fn omitted_fields_have_their_defaults() {
         let scene = parse("", "").unwrap();
         let CameraSource::Generated(cameras) = &scene.cameras else {
             panic!("{:?}", scene.cameras);
@@ -153,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_field_is_answered_with_the_nearest() {
+    fn an_unknown_field_is_refused_with_the_nearest_name() {
         assert_eq!(
             refusal("", "heigth_m = 1.7\n"),
             "scenes/a.toml:11: `person[0].heigth_m`: unknown field `heigth_m`, did you mean `height_m`?"
@@ -195,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_take_for_ever_is_refused() {
+    fn scenes_over_the_size_limits_are_refused() {
         let text = |rate: &str, seconds: &str| {
             format!("rate_hz = {rate}\nseconds = {seconds}\nsize_m = [7, 5]\n{CAMERAS}")
         };
@@ -215,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn mirrors_count_for_everybody_whom_they_show() {
+    fn each_mirror_counts_once_per_person() {
         let people: String = (2..=50)
             .map(|i| PERSON.replace("\"1\"", &format!("\"{i}\"")))
             .collect();
@@ -241,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_are_said_once() {
+    fn cameras_come_from_one_source() {
         let message = refusal("calibration = \"c.toml\"\n", "");
         assert!(message.contains("expected one of the two"), "{message}");
         let text = "rate_hz = 60\nseconds = 1\nsize_m = [7, 5]\n";
@@ -252,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn viewpoints_are_those_of_a_venue() {
+    fn viewpoints_have_the_form_of_a_venue_file() {
         let text = "rate_hz = 60\nseconds = 1\nsize_m = [7, 5]\ncalibration = \"c.toml\"\n\
                     [[viewpoint]]\nname = \"north\"\n[[viewpoint.camera]]\nname = \"n1\"\n\
                     source = { kind = \"video\", path = \"n1.mp4\" }\n[[viewpoint.camera]]\nname = \"n2\"\n";

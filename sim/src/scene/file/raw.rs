@@ -1,4 +1,4 @@
-//! The tables of a scene file, as TOML has them.
+//! The tables of a scene file as in TOML.
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -41,7 +41,7 @@ pub(super) struct ViewpointTable {
     pub(super) camera: Vec<CameraTable>,
 }
 
-/// As in a venue, where a source belongs to it; a scene makes its own frames.
+/// As in a venue file, but without a source, because a scene makes its own frames.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CameraTable {

@@ -1,43 +1,45 @@
-//! Stepping aside: people outside a group keep their distance, the later one in the file makes room.
+//! Stepping aside: people outside a group keep a minimum distance; the later one in the file makes
+//! room.
 //!
-//! The worst moment is looked for, and the unit is moved out of the way by a smooth bump around it:
-//! square to the way on which the two pass, or straight away from somebody who stays. This is
-//! repeated until nobody is too near. What a turn could avoid has been avoided before.
+//! The algorithm finds the worst moment and moves the unit away with a smooth bump around that
+//! time. The direction is perpendicular to the relative motion of two who pass, or straight away
+//! from a person who stands. It repeats until no pair is too close. Conflicts that a turn can avoid
+//! are solved before this step.
 
 use nalgebra::Vector2;
 
 use super::steer::SAMPLES_PER_S;
 
-/// Least distance of two pelvises on the floor, metres.
+/// Minimum distance of two pelvises on the floor, metres.
 pub const KEEP_M: f64 = 0.45;
-/// What is kept beyond it, so that rounding and bumps that overlap do not end just short of it.
+/// Extra distance against rounding and overlapping bumps.
 const SPARE_M: f64 = 0.015;
-/// How far beyond the edge of its reach a unit is let, metres.
+/// How far a unit may leave its area, metres.
 const EDGE_M: f64 = 0.02;
-/// Shortest half width of a bump, seconds; and half width per metre.
+/// Minimum half width of a bump, seconds; and half width per metre.
 const HALF_S: f64 = 0.6;
 const HALF_S_PER_M: f64 = 2.5;
-/// Two are passing each other, and not standing, above this, metres per second.
+/// Two units pass each other above this relative speed, metres per second; below it they stand.
 const PASSING_M_S: f64 = 0.3;
-/// Most bumps of one unit per second of its time: a crowd without room is left as it is.
+/// Limit of bumps of one unit per second of its time: a crowd without room stays too close.
 const BUMPS_PER_S: f64 = 60.0;
 
-/// Everything that a unit may have to make room for.
+/// The people that a unit may have to avoid.
 pub(super) struct Neighbours<'a> {
-    /// How far from the origin its people may go, metres; `None` for who walks a path.
+    /// Largest distance of its people from the origin, metres; `None` for people on a path.
     pub(super) reach_m: Option<Vector2<f64>>,
-    /// Everybody placed before, at the unit's samples; `None` while not there.
+    /// All people placed earlier, at the unit's samples; `None` while absent.
     pub(super) others: &'a [Vec<Option<Vector2<f64>>>],
 }
 
-/// Somewhere the unit must be moved.
+/// A required displacement of the unit.
 struct Push {
     sample: usize,
     by_m: Vector2<f64>,
     lacking_m: f64,
 }
 
-/// How far the unit whose people are at `people_m` (per sample) steps aside, metres, per sample.
+/// The displacement of the unit whose people are at `people_m` (per sample), metres, per sample.
 pub(super) fn step_aside(people_m: &[Vec<Vector2<f64>>], near: &Neighbours<'_>) -> Vec<[f64; 2]> {
     let n = people_m.len();
     let mut aside = vec![Vector2::zeros(); n];
@@ -62,7 +64,8 @@ fn worst(
             worst = Some(push);
         }
     };
-    // Where the file puts somebody, there they start; inside they come by themselves.
+    // A person starts at the position in the file. One who starts outside comes inside without
+    // help.
     let mut starts_outside = vec![true; people_m[0].len()];
     for (sample, people) in people_m.iter().enumerate() {
         for (person, at_m) in people.iter().enumerate() {
@@ -101,7 +104,7 @@ fn worst(
     worst
 }
 
-/// The way out of `other`'s way at `sample`.
+/// The displacement away from `other` at `sample`.
 fn away(
     people_m: &[Vec<Vector2<f64>>],
     aside: &[Vector2<f64>],
@@ -139,7 +142,7 @@ fn away(
     let Some(reach_m) = reach_m.filter(|_| passing) else {
         return chosen;
     };
-    // Somebody who passes along the edge of the field is passed on its inner side.
+    // Along the edge of the field, people pass on the inner side.
     let outside_m = |by_m: Vector2<f64>| {
         let at_m = people_m[sample][person] + aside[sample] + by_m;
         (at_m.abs() - reach_m).sup(&Vector2::zeros()).norm()
@@ -157,7 +160,7 @@ fn bump(aside: &mut [Vector2<f64>], push: &Push) {
     let here_s = push.sample as f64 / SAMPLES_PER_S;
     let mut half_s = HALF_S.max(HALF_S_PER_M * push.by_m.norm());
     if here_s > HALF_S {
-        // Who comes to an encounter starts where the file says.
+        // A unit that meets others at its start still starts at the position in the file.
         half_s = half_s.min(here_s);
     }
     for (i, aside) in aside.iter_mut().enumerate() {
@@ -179,7 +182,7 @@ mod tests {
         (0..=n).map(|i| at(i as f64 / SAMPLES_PER_S)).collect()
     }
 
-    /// The least distance after stepping aside, and the greatest speed of the step.
+    /// The minimum distance after stepping aside, and the maximum speed of the displacement.
     fn check(own: impl Fn(f64) -> Vector2<f64>, other: impl Fn(f64) -> Vector2<f64>) -> (f64, f64) {
         let (own, other) = (samples(own), samples(other));
         let people: Vec<_> = own.iter().map(|p| vec![*p]).collect();
@@ -209,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn one_who_would_stand_in_another_stands_beside() {
+    fn a_standing_person_is_displaced_from_an_occupied_place() {
         let (nearest_m, speed_m_s) = check(
             |t| Vector2::new(0.1 * t.sin(), 0.0),
             |_| Vector2::new(0.2, 0.1),
@@ -219,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn one_who_crosses_exactly_through_another_does_not() {
+    fn people_on_crossing_paths_keep_their_distance() {
         let (nearest_m, _) = check(|t| Vector2::new(3.0 * (t - 3.0), 0.0), |_| Vector2::zeros());
         assert!(nearest_m > KEEP_M, "{nearest_m}");
     }

@@ -1,10 +1,10 @@
-//! Who is where: the way of every person through the scene, planned once when it is loaded.
+//! Plans the path of every person through the scene, once, when the scene is loaded.
 //!
-//! People are planned as units (one person, or a group), in the order of the file, each around
-//! those before it. A unit plays its clips ([`timeline`]), is turned back into the field
-//! ([`steer`]) or walks its path ([`path`]), and steps aside ([`aside`]). What
-//! is planned are corrections: how much the clips' world is turned and shifted at any time. They
-//! are smooth functions of time, so where a person is between two ticks is as exact as at them.
+//! People are planned as units (one person, or a group) in the order of the file, each around the
+//! earlier ones. A unit plays its clips ([`timeline`]). It is turned back into the field
+//! ([`steer`]) or walks its path ([`path`]), and steps aside ([`aside`]). The plan holds
+//! corrections: the turn and shift of the clips' world over time. They are smooth, so positions
+//! between ticks are as exact as at ticks.
 
 mod aside;
 mod path;
@@ -27,34 +27,34 @@ use self::timeline::{Timeline, UnitMember, turned};
 use crate::motion::Clip;
 use crate::scene::file::{PersonEntry, SceneFile};
 
-/// How far pelvises stay from the field's edge, metres.
+/// Distance of pelvises from the edge of the field, metres.
 pub const EDGE_M: f64 = 0.4;
-/// Over how long a path walker's own heading is averaged, seconds: what is slower is the clip's
-/// turning, and the path says where to turn; what is faster is the pelvis in the step.
+/// Averaging window for the own heading of a person on a path, seconds. Slower changes are turns of
+/// the clip, which the path replaces. Faster changes are the motion of the pelvis within a step.
 const HEADING_WINDOW_S: f64 = 1.2;
-/// Others who never come nearer than this need not be looked at, metres.
+/// People who never come closer than this are ignored, metres.
 const FAR_M: f64 = 3.0;
 
-/// One person, or a group, on its way.
+/// One person, or a group, with its planned motion.
 #[derive(Debug)]
 struct Unit {
     timeline: Timeline,
     enter_s: f64,
-    way: WayOfGoing,
-    /// Beside its way, metres.
+    way: Locomotion,
+    /// Displacement by stepping aside, metres.
     aside: Table<2>,
 }
 
-/// How a unit gets through the scene.
+/// How a unit moves through the scene.
 #[derive(Debug)]
-enum WayOfGoing {
-    /// As its clips carry it, turned: yaw (radians) and shift (metres) of the clips' world.
+enum Locomotion {
+    /// As in its clips, turned: yaw (radians) and shift (metres) of the clips' world.
     Own(Table<3>),
     /// Along a path: yaw of the clips' world, radians.
     Path(PathWalk, Table<1>),
 }
 
-/// Everybody's way.
+/// The plan of all people.
 #[derive(Debug)]
 pub(super) struct ScenePlan {
     units: Vec<Unit>,
@@ -62,7 +62,7 @@ pub(super) struct ScenePlan {
     of_person: Vec<(usize, usize)>,
 }
 
-/// Where everybody placed so far is, per person and sample of the scene.
+/// Positions of all people placed so far, per person and sample of the scene.
 type Tracks = Vec<Vec<Option<Vector2<f64>>>>;
 
 impl ScenePlan {
@@ -86,8 +86,8 @@ impl ScenePlan {
         plan
     }
 
-    /// The stature of every person, metres. All of a group are as large as its first makes them:
-    /// their clips share a unit of length.
+    /// The stature of every person, metres. All people of a group get the scale of its first
+    /// person, because their clips share a unit of length.
     pub(super) fn statures_m(file: &SceneFile, clips: &[Vec<Arc<Clip>>]) -> Vec<f64> {
         let mut statures_m = vec![0.0; file.people.len()];
         for people in units_of(file) {
@@ -107,7 +107,7 @@ impl ScenePlan {
     }
 }
 
-/// The people of every unit, in the order of its first.
+/// The people of every unit, in the order of their first person.
 fn units_of(file: &SceneFile) -> Vec<Vec<usize>> {
     let mut units: Vec<Vec<usize>> = Vec::new();
     for (index, person) in file.people.iter().enumerate() {
@@ -144,7 +144,7 @@ impl Unit {
         let times_s: Vec<f64> = (0..n_samples).map(|i| i as f64 / SAMPLES_PER_S).collect();
         let others = neighbours(tracks, enter_s, n_samples);
         let mut unit = Self {
-            way: WayOfGoing::Own(Table::default()),
+            way: Locomotion::Own(Table::default()),
             aside: Table::default(),
             timeline,
             enter_s,
@@ -156,7 +156,7 @@ impl Unit {
             Some(path) => {
                 let walk = PathWalk::new(path, first.heading_rad, length_s);
                 let yaw = unit.yaw_on_path(&walk, &times_s);
-                WayOfGoing::Path(walk, yaw)
+                Locomotion::Path(walk, yaw)
             }
             None => unit.own_way(&times_s, reach_m, &others),
         };
@@ -171,13 +171,13 @@ impl Unit {
         unit
     }
 
-    /// The clips' own way, turned where it must be.
+    /// The motion of the clips, turned where necessary.
     fn own_way(
         &self,
         times_s: &[f64],
         reach_m: Option<Vector2<f64>>,
         others: &Tracks,
-    ) -> WayOfGoing {
+    ) -> Locomotion {
         let pelvises_m: Vec<_> = times_s
             .iter()
             .map(|&t| self.timeline.pelvises_m(t))
@@ -193,10 +193,10 @@ impl Unit {
             [*yaw_rad, shift_m.x, shift_m.y]
         };
         let corrections = course.iter().zip(&way.middle_m).map(correction);
-        WayOfGoing::Own(Table::new(1.0 / SAMPLES_PER_S, corrections.collect()))
+        Locomotion::Own(Table::new(1.0 / SAMPLES_PER_S, corrections.collect()))
     }
 
-    /// By how much the clips' world is turned so that the walker faces along its path.
+    /// The turn of the clips' world that makes the walker face along its path.
     fn yaw_on_path(&self, walk: &PathWalk, times_s: &[f64]) -> Table<1> {
         let mut facing = Vec::with_capacity(times_s.len());
         let mut last = 0.0;
@@ -226,15 +226,15 @@ impl Unit {
         Table::new(1.0 / SAMPLES_PER_S, samples)
     }
 
-    /// The turn of the clips' world at `time_s` of the unit, and the shift that follows it.
+    /// Turn and shift of the clips' world at `time_s` of the unit.
     fn correction(&self, time_s: f64) -> (f64, Vector2<f64>) {
         let aside = Vector2::from(self.aside.at(time_s));
         match &self.way {
-            WayOfGoing::Own(table) => {
+            Locomotion::Own(table) => {
                 let [yaw_rad, x, y] = table.at(time_s);
                 (yaw_rad, Vector2::new(x, y) + aside)
             }
-            WayOfGoing::Path(walk, yaw) => {
+            Locomotion::Path(walk, yaw) => {
                 let [yaw_rad] = yaw.at(time_s);
                 let pelvis_m = self.timeline.pelvises_m(time_s)[0];
                 let shift_m = walk.at(time_s).0 - turned(pelvis_m, yaw_rad);
@@ -258,7 +258,7 @@ impl Unit {
         })
     }
 
-    /// Where `member` is while it is there, at every sample of the scene.
+    /// The position of `member` at every sample of the scene, while it is present.
     fn track(
         &self,
         file: &SceneFile,
@@ -275,7 +275,7 @@ impl Unit {
     }
 }
 
-/// The tracks of everybody at the samples of a unit that enters at `enter_s`.
+/// The tracks of all people at the samples of a unit that enters at `enter_s`.
 fn neighbours(tracks: &Tracks, enter_s: f64, n_samples: usize) -> Tracks {
     let offset = (enter_s * SAMPLES_PER_S).round() as usize;
     let shifted = |track: &Vec<Option<Vector2<f64>>>| {
@@ -285,7 +285,7 @@ fn neighbours(tracks: &Tracks, enter_s: f64, n_samples: usize) -> Tracks {
     tracks.iter().map(shifted).collect()
 }
 
-/// Those who come anywhere near.
+/// The tracks that come near the unit.
 fn near_ones(people_m: &[Vec<Vector2<f64>>], mut others: Tracks) -> Tracks {
     others.retain(|other| {
         people_m.iter().zip(other).any(|(people, other)| {

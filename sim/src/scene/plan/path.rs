@@ -1,9 +1,9 @@
-//! Walking along a path: to its end and back again, corners rounded.
+//! Walking along a path to its end and back again, with rounded corners.
 //!
-//! Somebody at constant speed on the polygon is followed smoothly: the velocity at a corner at time
-//! t turns from one leg's into the next one's within t ± T/2 as a smooth step. So the walker is on
-//! time at every place of a leg, never faster than said, slower where it turns, and its
-//! acceleration is at most 1.875 |Δv| / T.
+//! The walker follows a point that moves along the polygon at constant speed. At a corner at time
+//! t, its velocity changes from one leg's to the next leg's within t ± T/2 as a smooth step. So the
+//! walker is on time on every leg, is never faster than the given speed, and slows down in turns.
+//! Its acceleration is at most 1.875 |Δv| / T.
 
 use std::f64::consts::{PI, TAU};
 
@@ -12,14 +12,14 @@ use nalgebra::Vector2;
 use super::timeline::{STEEPEST, smooth_step};
 use crate::scene::file::PathEntry;
 
-/// Largest acceleration in a corner, metres per second squared: 1.5 g, what a sprinter's cut has.
-/// At half of it the fastest players of a court would rarely come up to speed between its corners.
+/// Largest acceleration in a corner, metres per second squared: 1.5 g, as in a sprinter's cut. At
+/// half of it the fastest players of a court would rarely reach their speed between corners.
 const MAX_ACCELERATION_M_S2: f64 = 15.0;
-/// Shortest time that a turn takes, seconds: nobody turns round while walking in less.
+/// Shortest duration of a turn while walking, seconds.
 const MIN_TURN_S: f64 = 0.8;
-/// Corners nearer to each other are one, metres.
+/// Corners closer than this are one, metres.
 const SAME_PLACE_M: f64 = 1e-3;
-/// A turn: when, and by how much velocity and heading change.
+/// The time of a turn and its change of velocity and heading.
 #[derive(Debug, Clone, Copy)]
 struct Corner {
     time_s: f64,
@@ -27,7 +27,7 @@ struct Corner {
     turn_rad: f64,
 }
 
-/// A straight part of the way.
+/// A straight part of the path.
 #[derive(Debug, Clone, Copy)]
 struct PathLeg {
     start_s: f64,
@@ -36,7 +36,7 @@ struct PathLeg {
     heading_rad: f64,
 }
 
-/// Where a walker is, as a pure function of time from its first point on.
+/// The position of a walker as a pure function of time.
 #[derive(Debug, Clone)]
 pub(super) struct PathWalk {
     legs: Vec<PathLeg>,
@@ -45,9 +45,8 @@ pub(super) struct PathWalk {
 }
 
 impl PathWalk {
-    /// The walk of `length_s` along `path`. Corners that are reached later are not there: whoever
-    /// never comes to the end does not slow down before it. `heading_rad` is that of somebody who
-    /// stands.
+    /// The walk of `length_s` along `path`. Corners reached later are left out, so a walker who
+    /// never reaches the end does not slow down for it. `heading_rad` is the heading at speed 0.
     pub(super) fn new(path: &PathEntry, heading_rad: f64, length_s: f64) -> Self {
         let mut points: Vec<Vector2<f64>> = path.points_m.iter().map(|&p| p.into()).collect();
         points.dedup_by(|b, a| (*b - *a).norm() < SAME_PLACE_M);
@@ -102,7 +101,7 @@ impl PathWalk {
         }
     }
 
-    /// Where the walker is at `time_s`, metres, and where it heads, radians, without jumps.
+    /// Position, metres, and continuous heading, radians, at `time_s`.
     pub(super) fn at(&self, time_s: f64) -> (Vector2<f64>, f64) {
         let index = self.legs.partition_point(|leg| leg.start_s <= time_s);
         let leg = &self.legs[index.saturating_sub(1)];
@@ -118,7 +117,7 @@ impl PathWalk {
                 break;
             }
             let share = since_s / self.turn_s + 0.5;
-            // The polygon's own corner is already in `at_m` and `heading_rad`.
+            // `at_m` and `heading_rad` already contain the sharp corner of the polygon.
             at_m += (self.ramp_s(share) - since_s.max(0.0)) * corner.velocity_change_m_s;
             let done = if since_s >= 0.0 { 1.0 } else { 0.0 };
             heading_rad += (smooth_step(share) - done) * corner.turn_rad;
@@ -126,14 +125,14 @@ impl PathWalk {
         (at_m, heading_rad)
     }
 
-    /// The integral of the smooth step over time, `share` of a turn on, seconds.
+    /// The integral of the smooth step over time, at `share` of a turn, seconds.
     fn ramp_s(&self, share: f64) -> f64 {
         let u = share.clamp(0.0, 1.0);
         self.turn_s * u.powi(4) * (u * u - 3.0 * u + 2.5)
     }
 }
 
-/// The same turn the shorter way round; a full reversal is to the left.
+/// The equivalent turn with the smallest angle; a full reversal goes to the left.
 fn nearest_turn(turn_rad: f64) -> f64 {
     let turn = turn_rad.rem_euclid(TAU);
     if turn > PI + 1e-9 { turn - TAU } else { turn }
@@ -158,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_walked_to_its_end_and_back_again() {
+    fn a_path_is_walked_to_its_end_and_back_again() {
         let walk = walk(&[[0.0, 0.0], [6.0, 0.0], [6.0, 3.0]], 1.5, 30.0);
         for (time_s, x, y) in [
             (2.0, 3.0, 0.0),
@@ -176,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_faster_than_said_or_brakes_harder_than_people_can() {
+    fn speed_and_acceleration_stay_within_their_limits() {
         let walk = walk(
             &[
                 [1.0, -6.0],
@@ -199,18 +198,18 @@ mod tests {
     fn the_walker_faces_along_its_way() {
         let walk = walk(&[[0.0, 0.0], [0.0, 6.0]], 1.5, 30.0);
         assert!((walk.at(2.0).1 - PI / 2.0).abs() < 1e-9);
-        // Back again, by the left.
+        // Back again, with a left turn.
         assert!((walk.at(6.0).1 - 1.5 * PI).abs() < 1e-9);
     }
 
     #[test]
-    fn who_never_reaches_the_end_does_not_brake() {
+    fn a_walker_who_never_reaches_the_end_does_not_brake() {
         let walk = walk(&[[-11.0, 0.0], [11.0, 0.0]], 8.0, 2.6);
         assert!((velocity_m_s(&walk, 2.59) - Vector2::new(8.0, 0.0)).norm() < 1e-6);
     }
 
     #[test]
-    fn without_speed_it_stands() {
+    fn at_speed_0_the_walker_stands() {
         let walk = walk(&[[1.0, 2.0]], 0.0, 30.0);
         assert_eq!(walk.at(7.0), (Vector2::new(1.0, 2.0), 0.5));
     }

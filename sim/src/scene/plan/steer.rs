@@ -1,58 +1,58 @@
-//! Turning people back: a turn over time that keeps a unit in the field and clear of others.
+//! Steering: a turn over time that keeps a unit in the field and clear of others.
 //!
-//! A turned unit goes where its own steps carry it in its new direction: p' = R(θ) q', where q is
-//! its way in its own clips. What is looked for is the rate θ'. It changes by at most two steps every
-//! 0.2 s, and of all courses those that leave the field least, then those that keep clear of
-//! others, then those that turn least are kept: a beam search, in which courses that come to the
-//! same place in the same direction compete. A unit whose own way is free is not turned at all.
+//! A turned unit moves with its own steps in its new direction: p' = R(θ) q', where q is the path
+//! in its own clips. The search variable is the rate θ', which changes by at most two steps every
+//! 0.2 s. A beam search keeps the courses that leave the field least, then those that keep clear of
+//! others, then those that turn least. Courses that reach the same place in the same direction
+//! compete. A unit with a free path is not turned.
 
 use nalgebra::Vector2;
 
 use super::timeline::turned;
 
-/// Samples of a unit's way per second.
+/// Samples of a unit's path per second.
 pub(super) const SAMPLES_PER_S: f64 = 60.0;
-/// Samples of one decision.
+/// Samples per decision.
 const PER_STEP: usize = 12;
-/// Samples from one look at the course to the next.
+/// Samples between two evaluations of the cost.
 const PER_LOOK: usize = 3;
-/// One step of the rate, and the greatest rate in steps: 2 radians per second.
+/// Step of the turning rate; and the largest rate in steps: 2 radians per second.
 const RATE_STEP_RAD_S: f64 = 0.4;
 const MAX_RATE: i32 = 5;
-/// How far ahead a course is looked along as it points, samples, and what part of the cost there
-/// speaks against it now: a course that must still turn is no rival of one that has.
+/// Samples ahead at which the straight continuation of a course is evaluated, and the weight of its
+/// cost now. So a course that must still turn does not win over one that has turned.
 const AHEAD_SAMPLES: [usize; 3] = [24, 48, 72];
 const AHEAD: f64 = 0.02;
-/// Courses that are followed at once.
+/// Courses in the beam.
 const BEAM: usize = 240;
-/// Courses nearer to each other than these are one, metres and radians.
+/// Courses closer than these are one, metres and radians.
 const SAME_M: f64 = 0.15;
 const SAME_RAD: f64 = 0.2;
-/// Where others begin to be avoided, metres between pelvises.
+/// Distance between pelvises at which avoidance starts, metres.
 const AVOID_M: f64 = 0.75;
-/// Costs per second: of a metre outside and its square, of a squared metre too near, of a squared
+/// Costs per second: of a metre outside and its square, of a squared metre too close, of a squared
 /// radian per second of turning; and, once, of a squared step of the rate.
 const OUTSIDE: [f64; 2] = [200.0, 1000.0];
 const NEAR: f64 = 150.0;
 const TURNING: f64 = 0.04;
 const CHANGING: f64 = 0.01;
 
-/// What a unit may not touch.
+/// The limits of a unit's motion.
 pub(super) struct Obstacles<'a> {
-    /// How far from the origin its people may go, metres.
+    /// Largest distance of its people from the origin, metres.
     pub(super) reach_m: Vector2<f64>,
-    /// Everybody who was placed before, at the unit's samples; `None` while not there.
+    /// All people placed earlier, at the unit's samples; `None` while absent.
     pub(super) others: &'a [Vec<Option<Vector2<f64>>>],
 }
 
-/// A unit's own way: the middle of its people at every sample, and each person from there.
+/// A unit's own path: the middle of its people at every sample, and the offset of each person.
 pub(super) struct UnitWay {
     pub(super) middle_m: Vec<Vector2<f64>>,
     pub(super) people_m: Vec<Vec<Vector2<f64>>>,
 }
 
 impl UnitWay {
-    /// The same way from the pelvises of everybody at every sample.
+    /// The path from the pelvises of all its people at every sample.
     pub(super) fn new(pelvises_m: &[Vec<Vector2<f64>>]) -> Self {
         let middle = |at: &Vec<Vector2<f64>>| at.iter().sum::<Vector2<f64>>() / at.len() as f64;
         let middle_m: Vec<_> = pelvises_m.iter().map(middle).collect();
@@ -64,14 +64,14 @@ impl UnitWay {
     }
 }
 
-/// A course so far.
+/// A partial course.
 #[derive(Clone, Copy)]
 struct SteeredCourse {
     at_m: Vector2<f64>,
     yaw_rad: f64,
     rate: i32,
     cost: f64,
-    /// What it would cost to go straight on for a while.
+    /// The cost of going straight on for a while.
     ahead: f64,
     parent: usize,
 }
@@ -138,7 +138,7 @@ fn thinned(mut courses: Vec<SteeredCourse>) -> Vec<SteeredCourse> {
     courses
 }
 
-/// The course of the best of the last generation, at every sample.
+/// All samples of the best course of the last generation.
 fn retrace(
     way: &UnitWay,
     around: &Obstacles<'_>,
@@ -166,8 +166,8 @@ fn retrace(
     route
 }
 
-/// The course that goes on from `parent` for one step while its rate changes to `rate`; `passed`
-/// is told every sample.
+/// Continues `parent` for one step while its rate changes to `rate`; calls `passed` for every
+/// sample.
 fn follow(
     way: &UnitWay,
     around: &Obstacles<'_>,
@@ -212,7 +212,7 @@ fn follow(
 }
 
 impl Obstacles<'_> {
-    /// What it costs per second to be there at sample `i`: 0 inside and clear of everybody.
+    /// Cost per second at sample `i`: 0 inside the field and clear of other people.
     fn cost(&self, way: &UnitWay, i: usize, at_m: Vector2<f64>, yaw_rad: f64) -> f64 {
         let mut cost = 0.0;
         for person in &way.people_m[i] {
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_free_way_is_not_turned() {
+    fn a_unit_with_a_free_path_is_not_turned() {
         let way = straight_way(1.0, 2.0);
         let around = Obstacles {
             reach_m: Vector2::new(3.0, 2.0),
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn somebody_in_the_way_is_walked_around() {
+    fn a_person_in_the_way_is_avoided() {
         let way = straight_way(1.2, 5.0);
         let other = vec![Some(Vector2::new(3.0, 0.05)); way.middle_m.len()];
         let others = [other];

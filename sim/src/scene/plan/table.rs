@@ -1,6 +1,6 @@
 //! Smooth functions of time between evenly spaced samples.
 
-/// `N` values at evenly spaced times from 0 on, joined by Catmull and Rom's cubics: once
+/// `N` values at evenly spaced times from 0 on, interpolated by Catmull-Rom cubics: once
 /// continuously differentiable, and constant before the first and after the last sample.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Table<const N: usize> {
@@ -9,12 +9,11 @@ pub(super) struct Table<const N: usize> {
 }
 
 impl<const N: usize> Table<N> {
-    /// One sample every `step_s`; no samples are zero for ever.
+    /// One sample every `step_s`; without samples the function is zero.
     pub(super) fn new(step_s: f64, samples: Vec<[f64; N]>) -> Self {
         Self { step_s, samples }
     }
 
-    /// The values at `time_s`.
     pub(super) fn at(&self, time_s: f64) -> [f64; N] {
         let Some(last) = self.samples.len().checked_sub(1) else {
             return [0.0; N];
@@ -38,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_are_met_and_lines_are_kept() {
+    fn the_table_interpolates_samples_and_preserves_lines() {
         let table = Table::new(0.5, (0..5).map(|i| [f64::from(i), 2.0]).collect());
         for (time_s, value) in [
             (0.0, 0.0),

@@ -1,10 +1,10 @@
-//! Clips one after the other: what the people of a unit do, before anything turns their way.
+//! The motion of a unit: its clips in sequence, before any steering.
 //!
-//! A unit is one person, or a group whose clips share a coordinate frame. Each clip continues the
-//! place and the heading in which the last one ended, and blends out of it. Where one clip ends
-//! and the next begins is chosen within [`TRIM_S`] of their ends so that both look most alike in the
-//! middle of the blend; else legs would cross in every step that is cut short. A clip that closes on
-//! itself is repeated whole.
+//! A unit is one person, or a group whose clips share a coordinate frame. Each clip continues at
+//! the place and heading where the previous one ended, with a blend. The end of one clip and the
+//! start of the next are chosen within [`TRIM_S`] so that both are most similar in the middle of
+//! the blend. Otherwise legs would cross in every step that is cut short. A closed clip is repeated
+//! whole.
 //!
 //! Bones are those of the person's first clip: people do not grow when the rig changes.
 
@@ -17,36 +17,37 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::motion::{Clip, Posture};
 
-/// How much of a clip's start or end may be left out for a better blend, seconds.
+/// How much of a clip's start or end may be cut for a better blend, seconds.
 const TRIM_S: f64 = 0.5;
-/// Step in which the best place for a blend is looked for, seconds.
+/// Step of the search for the best cut, seconds.
 const TRIM_STEP_S: f64 = 1.0 / 30.0;
-/// Part of a clip that a blend, or what is left out at one end, may take.
+/// Part of a clip that a blend, or the cut at one end, may take.
 const SHARE: f64 = 0.25;
-/// Over how much time the pace of two clips is compared, seconds.
+/// Time over which the pace of two clips is compared, seconds.
 const PACE_S: f64 = 0.05;
-/// What leaving out a second costs, in metres of mean joint distance: cuts need a reason.
+/// Cost of cutting one second, in metres of mean joint distance, so that cuts need a benefit.
 const TRIM_COST_M_S: f64 = 0.04;
-/// Greatest speed, as a mean over the joints, with which a blend may move a body, metres per second:
-/// a longer one is taken where the file's would throw people into the next posture.
+/// Largest mean joint speed that a blend may cause, metres per second. A longer blend is taken
+/// where the file's would exceed it.
 const MAX_BLEND_M_S: f64 = 2.0;
-/// Greatest slope of the smooth step.
+/// Largest slope of the smooth step.
 pub(super) const STEEPEST: f64 = 1.875;
-/// Longest time that may be missing between the last and the first posture of a closed clip, seconds.
+/// Longest time that may be missing between the last and the first posture of a closed clip,
+/// seconds.
 const LONGEST_GAP_S: f64 = 0.05;
-/// By how much the last clip may be slowed down to reach the end, rather than begin again for a moment.
+/// How much the last clip may be slowed down to reach the end, instead of a short restart.
 const SLOWER: f64 = 0.03;
-/// How near joints share in being the lowest, statures.
+/// Softness of the minimum over joint heights, statures.
 const LOWEST_SOFTNESS: f64 = 0.01;
-/// Length of the arrow by which headings are compared with places, metres.
+/// Length of the arrow that makes headings comparable with positions, metres.
 const ARROW_M: f64 = 0.3;
 
 /// One person of a unit.
 #[derive(Debug)]
 pub(super) struct UnitMember {
-    /// Its clips; all members have as many.
+    /// Its clips; all members have the same number.
     clips: Vec<Arc<Clip>>,
-    /// The clips of the unit's first member, whose statures and floors are everybody's.
+    /// The clips of the unit's first member; their statures and floors apply to all members.
     frames: Vec<Arc<Clip>>,
     /// Stature of the unit's first member, metres.
     stature_m: f64,
@@ -55,8 +56,8 @@ pub(super) struct UnitMember {
 }
 
 impl UnitMember {
-    /// Somebody who plays `clips` in the coordinate frames of `frames`, the clips of the unit's
-    /// first member, who is `stature_m` tall.
+    /// A member that plays `clips` in the coordinate frames of `frames`, the clips of the unit's
+    /// first member, whose stature is `stature_m`.
     pub(super) fn new(clips: Vec<Arc<Clip>>, frames: Vec<Arc<Clip>>, stature_m: f64) -> Self {
         let lengths = clips.iter().map(|clip| clip.mean_lengths()).collect();
         Self {
@@ -67,10 +68,10 @@ impl UnitMember {
         }
     }
 
-    /// The posture `time_s` into clip `clip`, with the bones of the first clip, in statures of the
+    /// The posture at `time_s` in clip `clip`, with the bones of the first clip, in statures of the
     /// unit's first member.
     fn posture(&self, clip: usize, time_s: f64) -> Posture {
-        let posture = self.clips[clip].posture_beside(time_s, &self.frames[clip]);
+        let posture = self.clips[clip].posture_relative_to(time_s, &self.frames[clip]);
         if Arc::ptr_eq(&self.clips[clip], &self.clips[0]) {
             posture
         } else {
@@ -78,7 +79,7 @@ impl UnitMember {
         }
     }
 
-    /// Pelvis on the floor, metres, and heading, radians.
+    /// Position of the pelvis on the floor, metres, and heading, radians.
     fn stand(&self, posture: &Posture) -> (Vector2<f64>, f64) {
         let pelvis = posture.joints[Joint::Pelvis.index()].xy() * self.stature_m;
         (pelvis, posture.facing_rad())
@@ -101,15 +102,15 @@ struct FloorMotion {
 #[derive(Debug, Clone, Copy)]
 struct ClipPart {
     clip: usize,
-    /// When it begins, seconds of the unit.
+    /// Start, seconds of the unit.
     start_s: f64,
-    /// What of the clip is played.
+    /// The played interval of the clip.
     in_s: f64,
     out_s: f64,
     /// Seconds of the clip per second.
     pace: f64,
-    /// How long the last part is blended out after `start_s`; before it, when negative: the time
-    /// that is missing between the two.
+    /// Duration of the blend out of the previous part, after `start_s`. A negative value is the
+    /// missing time between the two parts.
     blend_s: f64,
     place: FloorMotion,
 }
@@ -127,7 +128,7 @@ enum Join {
     Close { gap_s: f64 },
 }
 
-/// What the people of a unit do, each a pure function of time; times count from the unit's start.
+/// The motion of a unit's people as pure functions of time; times count from the unit's start.
 #[derive(Debug)]
 pub(super) struct Timeline {
     members: Vec<UnitMember>,
@@ -135,7 +136,7 @@ pub(super) struct Timeline {
 }
 
 impl Timeline {
-    /// Plays the members' clips in order, again and again for `length_s`; at first the pelvis of
+    /// Plays the members' clips in order, repeatedly, for `length_s`. At the start the pelvis of
     /// the first member is at `at_m` and faces `heading_rad`.
     pub(super) fn new(
         members: Vec<UnitMember>,
@@ -184,8 +185,8 @@ impl Timeline {
 
     /// The joints of `member` at `time_s`, metres.
     pub(super) fn joints_m(&self, member: usize, time_s: f64) -> Joints {
-        let who = &self.members[member];
-        self.posture(member, time_s).scaled(who.stature_m)
+        let played = &self.members[member];
+        self.posture(member, time_s).scaled(played.stature_m)
     }
 
     /// Heading of `member` at `time_s`, radians.
@@ -193,7 +194,7 @@ impl Timeline {
         self.posture(member, time_s).facing_rad()
     }
 
-    /// Where the members' pelvises are on the floor at `time_s`, metres.
+    /// Positions of the members' pelvises on the floor at `time_s`, metres.
     pub(super) fn pelvises_m(&self, time_s: f64) -> Vec<Vector2<f64>> {
         let pelvis = |(i, m): (usize, &UnitMember)| m.stand(&self.posture(i, time_s)).0;
         self.members.iter().enumerate().map(pelvis).collect()
@@ -202,7 +203,7 @@ impl Timeline {
     /// Shortest duration of clip `clip` among the members.
     fn length_s(&self, clip: usize) -> f64 {
         let lengths = self.members.iter().map(|m| m.clips[clip].duration_s());
-        // A clip of one frame is a statue; it needs some length to be repeated.
+        // A clip of one frame is a still posture; it needs some length to be repeated.
         lengths.fold(f64::MAX, f64::min).max(TRIM_STEP_S)
     }
 
@@ -217,7 +218,7 @@ impl Timeline {
             return blended(&before, &posture, smooth_step(into_s / part.blend_s));
         }
         match self.parts.get(next) {
-            // Between the end of a closed clip and its start: the step that the file leaves out.
+            // Between the end of a closed clip and its start: the step that the file omits.
             Some(after) if time_s > part.end_s() => {
                 let share = (time_s - part.end_s()) / (after.start_s - part.end_s());
                 posture.blend(&self.placed(member, after, after.start_s), share)
@@ -227,13 +228,12 @@ impl Timeline {
     }
 
     fn placed(&self, member: usize, part: &ClipPart, time_s: f64) -> Posture {
-        let who = &self.members[member];
+        let played = &self.members[member];
         let local_s =
             (part.in_s + (time_s - part.start_s) * part.pace).clamp(part.in_s, part.out_s);
-        who.moved(&who.posture(part.clip, local_s), &part.place)
+        played.moved(&played.posture(part.clip, local_s), &part.place)
     }
 
-    /// Appends clip `next` as `join` says.
     fn follow(&mut self, next: usize, join: Join) {
         let Some(last) = self.parts.last_mut() else {
             return;
@@ -252,14 +252,14 @@ impl Timeline {
         let (last, lead_s) = (*last, blend_s.max(0.0) / 2.0);
         let start_s = last.end_s() - blend_s;
         let (mut from, mut to) = (Vec::new(), Vec::new());
-        for (index, who) in self.members.iter().enumerate() {
-            let (mut pelvis_m, facing) = who.stand(&self.placed(index, &last, meet_s));
+        for (index, played) in self.members.iter().enumerate() {
+            let (mut pelvis_m, facing) = played.stand(&self.placed(index, &last, meet_s));
             if let Join::Close { gap_s } = join {
-                let before = who.stand(&self.placed(index, &last, meet_s - PACE_S)).0;
+                let before = played.stand(&self.placed(index, &last, meet_s - PACE_S)).0;
                 pelvis_m += (pelvis_m - before) * (gap_s / PACE_S);
             }
             from.push((pelvis_m, facing));
-            to.push(who.stand(&who.posture(next, in_s + lead_s)));
+            to.push(played.stand(&played.posture(next, in_s + lead_s)));
         }
         self.parts.push(ClipPart {
             clip: next,
@@ -272,14 +272,14 @@ impl Timeline {
         });
     }
 
-    /// How clip `b` best follows clip `a`.
+    /// The best transition from clip `a` to clip `b`.
     fn join(&self, a: usize, b: usize, blend_s: f64) -> Join {
         if let Some(gap_s) = self.gap_s(a, b) {
             return Join::Close { gap_s };
         }
         let most_s = (SHARE * self.length_s(a).min(self.length_s(b))).max(1e-3);
         let blend_s = blend_s.clamp(1e-3, most_s);
-        let (out_s, in_s, apart_m) = self.likest(a, b, blend_s);
+        let (out_s, in_s, apart_m) = self.best_cut(a, b, blend_s);
         let calm_s = (STEEPEST * apart_m / MAX_BLEND_M_S).min(most_s);
         if calm_s <= blend_s {
             return Join::Blend {
@@ -288,7 +288,7 @@ impl Timeline {
                 blend_s,
             };
         }
-        let (out_s, in_s, _) = self.likest(a, b, calm_s);
+        let (out_s, in_s, _) = self.best_cut(a, b, calm_s);
         Join::Blend {
             out_s,
             in_s,
@@ -296,9 +296,9 @@ impl Timeline {
         }
     }
 
-    /// Where clip `a` is best left and `b` entered for a blend of `blend_s`, seconds, and how far
-    /// joints are apart in the middle of it, metres.
-    fn likest(&self, a: usize, b: usize, blend_s: f64) -> (f64, f64, f64) {
+    /// Where to leave clip `a` and enter `b` for a blend of `blend_s`, seconds, and the joint
+    /// distance in the middle of the blend, metres.
+    fn best_cut(&self, a: usize, b: usize, blend_s: f64) -> (f64, f64, f64) {
         let (a_s, b_s) = (self.length_s(a), self.length_s(b));
         let trims = |length_s: f64| {
             #[expect(
@@ -325,8 +325,7 @@ impl Timeline {
         (a_s - trim_a, trim_b, apart_m)
     }
 
-    /// How much time lies between the last posture of clip `a` and the first of the same clip, if
-    /// it closes on itself.
+    /// The time between the last and the first posture of the same clip, if it is closed.
     fn gap_s(&self, a: usize, b: usize) -> Option<f64> {
         let same = |m: &UnitMember| Arc::ptr_eq(&m.clips[a], &m.clips[b]);
         let length_s = self.length_s(a);
@@ -340,12 +339,13 @@ impl Timeline {
         (gap_s <= LONGEST_GAP_S).then_some(gap_s)
     }
 
-    /// How much two moments (clip, seconds) differ in posture and pace: mean joint distance, metres.
+    /// The difference of two moments (clip, seconds) in posture and pace: mean joint distance,
+    /// metres.
     fn difference_m(&self, a: (usize, f64), b: (usize, f64)) -> f64 {
         let half_s = PACE_S / 2.0;
         let at =
             |offset_s: f64| self.place_difference_m((a.0, a.1 + offset_s), (b.0, b.1 + offset_s));
-        // Both ends of a short stretch: equal postures with opposite paces differ there.
+        // Compares both ends of a short interval: equal postures with opposite paces differ there.
         at(-2.0 * half_s) + at(2.0 * half_s)
     }
 
@@ -363,17 +363,17 @@ impl Timeline {
         };
         let place = align(&stands(&of_b), &stands(&of_a));
         let mut sum_m = 0.0;
-        for ((who, a), b) in self.members.iter().zip(&of_a).zip(&of_b) {
-            let b = who.moved(b, &place);
+        for ((played, a), b) in self.members.iter().zip(&of_a).zip(&of_b) {
+            let b = played.moved(b, &place);
             let apart = a.joints.iter().zip(&b.joints).map(|(a, b)| (a - b).norm());
-            sum_m += who.stature_m * apart.sum::<f64>() / N_JOINTS as f64;
+            sum_m += played.stature_m * apart.sum::<f64>() / N_JOINTS as f64;
         }
         sum_m / self.members.len() as f64
     }
 }
 
-/// `a` blended into `b`, neither sunk into the floor nor lifted off it: between standing and
-/// crawling legs unfold through the floor if the pelvis alone goes the even way.
+/// `a` blended into `b`, neither sunk into the floor nor lifted off it. Without the correction,
+/// legs that unfold between standing and crawling would pass through the floor.
 fn blended(a: &Posture, b: &Posture, share: f64) -> Posture {
     let between = a.blend(b, share);
     let wanted = (1.0 - share) * lowest(a) + share * lowest(b);
@@ -381,7 +381,7 @@ fn blended(a: &Posture, b: &Posture, share: f64) -> Posture {
     between.moved(0.0, Vector3::new(0.0, 0.0, lift))
 }
 
-/// Height of the lowest joints, statures: a minimum without corners.
+/// Height of the lowest joints, statures: a smooth minimum.
 fn lowest(posture: &Posture) -> f64 {
     let heights = posture.joints.iter().map(|joint| joint.z);
     let least = heights.clone().fold(f64::MAX, f64::min);
@@ -389,7 +389,7 @@ fn lowest(posture: &Posture) -> f64 {
     least - LOWEST_SOFTNESS * sum.ln()
 }
 
-/// The motion that brings places and headings `from` nearest to `to` (least squares).
+/// The motion that maps places and headings `from` closest to `to` (least squares).
 fn align(from: &[(Vector2<f64>, f64)], to: &[(Vector2<f64>, f64)]) -> FloorMotion {
     let points = |stands: &[(Vector2<f64>, f64)]| -> Vec<Vector2<f64>> {
         let arrow = |(at, facing): &(Vector2<f64>, f64)| {
@@ -401,7 +401,7 @@ fn align(from: &[(Vector2<f64>, f64)], to: &[(Vector2<f64>, f64)]) -> FloorMotio
     let mean = |stands: &[(Vector2<f64>, f64)]| {
         stands.iter().map(|s| s.0).sum::<Vector2<f64>>() / stands.len() as f64
     };
-    // The arrows only turn: places are joined where the people are.
+    // The arrows only affect the turn; positions are matched without them.
     let (mean_a, mean_b) = (mean(from), mean(to));
     let (mut cos, mut sin) = (0.0, 0.0);
     for (p, q) in a.iter().zip(&b) {
@@ -422,7 +422,7 @@ pub(super) fn turned(v: Vector2<f64>, yaw_rad: f64) -> Vector2<f64> {
     Vector2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y)
 }
 
-/// From 0 to 1 with no slope and no curvature at either end.
+/// From 0 to 1 with zero slope and curvature at both ends.
 pub(super) fn smooth_step(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * x * (x * (6.0 * x - 15.0) + 10.0)

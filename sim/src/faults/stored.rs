@@ -1,4 +1,4 @@
-//! Observations as they are kept in a file: what one camera's maps hold at one tick, in image pixels.
+//! Stored observations: what the maps of one camera contain at one tick, in image pixels.
 
 use std::sync::Arc;
 
@@ -9,43 +9,45 @@ use serde::{Deserialize, Serialize};
 use super::observe::{ImagedPerson, KeypointPeaks, MapObservation, SimulatedPeak};
 use super::streams::N_KEYPOINTS;
 
-/// Highest peak that is read: a mirrored one may be higher than the true one, which is at most 1.
+/// Highest accepted peak: a mirrored peak may exceed the true one, which is at most 1.
 const MAX_HEIGHT: f32 = 16.0;
 
-/// What one camera's maps hold at one tick, apart from the camera. Places are f32: what is painted
-/// from it differs from the original by at most a step of a cell's value here and there.
+/// The content of one camera's maps at one tick, without the camera.
+///
+/// Positions are f32: maps painted from it differ from the original by at most one step in some
+/// cells.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct KeptMapObservation {
-    people: Vec<KeptPerson>,
+pub struct StoredMapObservation {
+    people: Vec<StoredPerson>,
     noise: f32,
     noise_key: u64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct KeptPerson {
+struct StoredPerson {
     person: u16,
     torso_px: [f32; 2],
     neck_px: [f32; 2],
-    keypoints: [KeptEvidence; N_KEYPOINTS],
+    keypoints: [StoredEvidence; N_KEYPOINTS],
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct KeptEvidence {
-    own: Option<KeptPeak>,
-    mirrored: Option<KeptPeak>,
-    leaked: Option<KeptPeak>,
+struct StoredEvidence {
+    own: Option<StoredPeak>,
+    mirrored: Option<StoredPeak>,
+    leaked: Option<StoredPeak>,
     in_the_open: bool,
 }
 
 /// Undistorted pixels and height.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct KeptPeak([f32; 3]);
+struct StoredPeak([f32; 3]);
 
-impl KeptMapObservation {
-    /// What is kept of `observation`.
+impl StoredMapObservation {
+    /// Stores `observation`.
     pub fn new(observation: &MapObservation) -> Self {
         Self {
-            people: observation.people.iter().map(KeptPerson::new).collect(),
+            people: observation.people.iter().map(StoredPerson::new).collect(),
             noise: observation.noise as f32,
             noise_key: observation.noise_key,
         }
@@ -54,7 +56,7 @@ impl KeptMapObservation {
     /// Checks every number.
     ///
     /// # Errors
-    /// In a few words, what no observation can hold.
+    /// A short description of an impossible value.
     pub fn check(&self) -> Result<(), &'static str> {
         if !(0.0..=1.0).contains(&self.noise) {
             return Err("noise outside 0 to 1");
@@ -64,10 +66,10 @@ impl KeptMapObservation {
             .try_for_each(|person| person.restore().map(drop))
     }
 
-    /// The maps that `camera` saw, `capture_offset_us` after the tick's time.
+    /// The maps that `camera` observed `capture_offset_us` after the time of the tick.
     ///
     /// # Errors
-    /// In a few words, what no observation can hold.
+    /// A short description of an impossible value.
     pub fn restore(
         &self,
         camera: &Arc<CameraModel>,
@@ -76,7 +78,7 @@ impl KeptMapObservation {
         if !(0.0..=1.0).contains(&self.noise) {
             return Err("noise outside 0 to 1");
         }
-        let people: Result<_, _> = self.people.iter().map(KeptPerson::restore).collect();
+        let people: Result<_, _> = self.people.iter().map(StoredPerson::restore).collect();
         Ok(MapObservation {
             camera: Arc::clone(camera),
             capture_offset_us,
@@ -87,16 +89,16 @@ impl KeptMapObservation {
     }
 }
 
-impl KeptPerson {
+impl StoredPerson {
     fn new(seen: &ImagedPerson) -> Self {
         Self {
             person: seen.person as u16,
-            torso_px: kept_px(seen.torso_px),
-            neck_px: kept_px(seen.neck_px),
-            keypoints: seen.keypoints.map(|evidence| KeptEvidence {
-                own: evidence.own.map(KeptPeak::new),
-                mirrored: evidence.mirrored.map(KeptPeak::new),
-                leaked: evidence.leaked.map(KeptPeak::new),
+            torso_px: stored_px(seen.torso_px),
+            neck_px: stored_px(seen.neck_px),
+            keypoints: seen.keypoints.map(|evidence| StoredEvidence {
+                own: evidence.own.map(StoredPeak::new),
+                mirrored: evidence.mirrored.map(StoredPeak::new),
+                leaked: evidence.leaked.map(StoredPeak::new),
                 in_the_open: evidence.in_the_open,
             }),
         }
@@ -104,13 +106,13 @@ impl KeptPerson {
 
     fn restore(&self) -> Result<ImagedPerson, &'static str> {
         let mut keypoints = [KeypointPeaks::default(); N_KEYPOINTS];
-        for (evidence, kept) in keypoints.iter_mut().zip(&self.keypoints) {
-            let restore = |peak: Option<KeptPeak>| peak.map(KeptPeak::restore).transpose();
+        for (evidence, stored) in keypoints.iter_mut().zip(&self.keypoints) {
+            let restore = |peak: Option<StoredPeak>| peak.map(StoredPeak::restore).transpose();
             *evidence = KeypointPeaks {
-                own: restore(kept.own)?,
-                mirrored: restore(kept.mirrored)?,
-                leaked: restore(kept.leaked)?,
-                in_the_open: kept.in_the_open,
+                own: restore(stored.own)?,
+                mirrored: restore(stored.mirrored)?,
+                leaked: restore(stored.leaked)?,
+                in_the_open: stored.in_the_open,
             };
         }
         Ok(ImagedPerson {
@@ -122,9 +124,9 @@ impl KeptPerson {
     }
 }
 
-impl KeptPeak {
+impl StoredPeak {
     fn new(peak: SimulatedPeak) -> Self {
-        let [x, y] = kept_px(peak.at_px);
+        let [x, y] = stored_px(peak.at_px);
         Self([x, y, peak.height as f32])
     }
 
@@ -140,7 +142,7 @@ impl KeptPeak {
     }
 }
 
-fn kept_px(px: Vector2<f64>) -> [f32; 2] {
+fn stored_px(px: Vector2<f64>) -> [f32; 2] {
     [px.x as f32, px.y as f32]
 }
 
