@@ -1,5 +1,5 @@
 //! A small venue of kind `keypoints`: walkers seen by four cameras, written as the files that
-//! `farfield run` reads, with the truth beside them.
+//! `farfield run` reads, plus the truth.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -20,16 +20,16 @@ use crate::normal::box_muller;
 use crate::scene::write::calibration_text;
 use crate::walker::Walker;
 
-/// What is simulated.
+/// The parameters of the simulation.
 #[derive(Debug, Clone)]
 pub struct KeypointVenue {
     /// Name of the venue.
     pub name: String,
     /// Rate, hertz.
     pub rate_hz: f64,
-    /// Ticks.
+    /// Number of ticks.
     pub n_ticks: usize,
-    /// Who walks.
+    /// The people.
     pub walkers: Vec<Walker>,
     /// One camera per viewpoint.
     pub cameras: Vec<CameraModel>,
@@ -77,7 +77,8 @@ impl KeypointVenue {
         })
     }
 
-    /// Writes `venue.toml`, `calibration.toml`, one `.jsonl` per camera and `truth.jsonl` into `dir`.
+    /// Writes `venue.toml`, `calibration.toml`, one `.jsonl` per camera and `truth.jsonl` into
+    /// `dir`.
     ///
     /// # Errors
     /// When a file cannot be written.
@@ -181,7 +182,7 @@ impl KeypointVenue {
         point_m: Vector3<f64>,
         rng: &mut ChaCha8Rng,
     ) -> Value {
-        // Drawn whether used or not, so that one hidden keypoint does not change all that follow.
+        // Always drawn, so that a hidden keypoint does not change later draws.
         let (missing, noise) = (rng.random::<f64>(), [gaussian(rng), gaussian(rng)]);
         let score = round(rng.random_range(0.6..0.95), 100.0);
         let seen = camera
@@ -201,7 +202,7 @@ impl KeypointVenue {
     }
 }
 
-/// Four cameras in the corners of a square, looking at its middle at hip height.
+/// Four cameras in the corners of a square that look at its middle at hip height.
 fn four_corners(half_side_m: f64, height_m: f64) -> anyhow::Result<Vec<CameraModel>> {
     let corners = [
         ("north-east", 1.0, 1.0),

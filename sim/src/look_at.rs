@@ -1,9 +1,9 @@
-//! Where a camera is that looks at something.
+//! The pose of a camera that points at a target.
 
 use farfield_proto::frames::{Camera, Transform, World};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// The pose of a camera at `eye` whose optical axis goes through `target`, upright.
+/// The pose of an upright camera at `eye` whose optical axis goes through `target`.
 pub fn look_at(eye: Vector3<f64>, target: Vector3<f64>) -> Transform<Camera, World> {
     let forward = (target - eye).normalize();
     let right = forward.cross(&Vector3::z()).normalize();

@@ -1,9 +1,9 @@
-//! Normal draws. `rand_distr` draws other numbers: what is simulated would change with it.
+//! Normal draws. `rand_distr` draws other numbers, which would change all simulations.
 
 use std::f64::consts::TAU;
 
-/// Two independent normal numbers of mean 0 and this sigma, from two uniform ones: `u` in (0, 1], `v` in
-/// [0, 1) (Box and Muller 1958).
+/// Two independent normal numbers with mean 0 and this sigma, from two uniform ones: `u` in (0, 1],
+/// `v` in [0, 1) (Box and Muller 1958).
 ///
 /// ```text
 ///   sigma sqrt(-2 ln u) (cos 2 pi v, sin 2 pi v)
@@ -22,7 +22,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn many_have_the_mean_and_the_sigma_that_were_asked_for() {
+    fn many_draws_have_the_requested_mean_and_sigma() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let pairs = (0..20_000).map(|_| box_muller(1.0 - rng.random::<f64>(), rng.random(), 2.0));
         let all: Vec<f64> = pairs.flatten().collect();

@@ -1,7 +1,7 @@
 //! A person who walks along a circle and swings the arms: truth as a pure function of time.
 //!
-//! The body is a plain chain of sines, deliberately not the skeletal model that fusion solves with,
-//! so that a fault of that model cannot hide in its own truth.
+//! The body is a simple chain of sines. It is not the skeletal model of fusion, so that an error of
+//! that model is visible in the results.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -17,13 +17,13 @@ pub struct Walker {
     pub radius_m: f64,
     /// Speed along the circle, metres per second; negative walks clockwise.
     pub speed_m_s: f64,
-    /// Where on the circle the walk starts, radians.
+    /// Start position on the circle, radians.
     pub start_rad: f64,
     /// Body height, metres.
     pub stature_m: f64,
 }
 
-/// Steps a second, left and right counted together.
+/// Steps per second, left and right together.
 const CADENCE_HZ: f64 = 1.8;
 
 impl Walker {
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn the_walker_faces_where_it_goes() {
+    fn the_walker_faces_forward() {
         let (p, q) = (WALKER.points_m(1.0), WALKER.points_m(1.01));
         let motion = (q["pelvis"] - p["pelvis"]).normalize();
         let gaze = (p["nose"] - (p["left_ear"] + p["right_ear"]) / 2.0).normalize();

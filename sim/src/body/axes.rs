@@ -4,7 +4,7 @@ use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::body::skeleton::Joints;
 use nalgebra::{Matrix3, Vector3};
 
-/// Below this length a direction means nothing, metres.
+/// Shorter vectors have no reliable direction, metres.
 const SHORT_M: f64 = 1e-3;
 
 /// Axes of the three parts of the trunk, as columns (forward, left, up), world.
@@ -21,8 +21,8 @@ impl TrunkAxes {
         let spine = at(Joint::Neck) - at(Joint::Pelvis);
         let hips = at(Joint::LeftHip) - at(Joint::RightHip);
         let shoulders = at(Joint::LeftShoulder) - at(Joint::RightShoulder);
-        // The lumbosacral joint is close to the pelvis, in some clips in it: the whole trunk
-        // steadies its direction.
+        // The lumbosacral joint is close to the pelvis, in some clips equal to it. The whole trunk
+        // stabilises its direction.
         let low = at(Joint::Spine) - at(Joint::Pelvis) + spine * 0.2;
         let high = at(Joint::Neck) - at(Joint::Spine);
         let ears = at(Joint::LeftEar) - at(Joint::RightEar);
@@ -36,15 +36,15 @@ impl TrunkAxes {
     }
 }
 
-/// Axes whose up is exactly `up`, with the left as near to `left` as possible.
+/// Axes whose up is exactly `up`, with the left as close to `left` as possible.
 fn up_first(up: Vector3<f64>, left: Vector3<f64>) -> Matrix3<f64> {
     let z = up.try_normalize(SHORT_M).unwrap_or_else(Vector3::z);
     let y = across(left, &z);
     Matrix3::from_columns(&[y.cross(&z), y, z])
 }
 
-/// Axes whose left is exactly `left`, with the forward as near to `forward` as possible; those of
-/// `other` where the joints do not tell.
+/// Axes whose left is exactly `left`, with the forward as close to `forward` as possible; the axes
+/// of `other` if the joints do not define them.
 fn left_first(left: Vector3<f64>, forward: Vector3<f64>, other: &Matrix3<f64>) -> Matrix3<f64> {
     let Some(y) = left.try_normalize(SHORT_M) else {
         return *other;
@@ -56,8 +56,8 @@ fn left_first(left: Vector3<f64>, forward: Vector3<f64>, other: &Matrix3<f64>) -
     Matrix3::from_columns(&[x, y, x.cross(&y)])
 }
 
-/// The direction nearest to `hint` at a right angle to the unit `axis`; some other one where the
-/// hint runs along the axis.
+/// The direction closest to `hint` perpendicular to the unit vector `axis`; an arbitrary one if the
+/// two are parallel.
 pub(super) fn across(hint: Vector3<f64>, axis: &Vector3<f64>) -> Vector3<f64> {
     let rest = |v: Vector3<f64>| (v - axis * axis.dot(&v)).try_normalize(SHORT_M);
     rest(hint)

@@ -1,4 +1,4 @@
-//! How one person is built and dressed, drawn from a seed.
+//! Shape and clothes of one person, drawn from a seed.
 
 use farfield_fusion::body::skeleton::Side;
 use rand::{RngExt as _, SeedableRng as _};
@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 /// Reflectance of a surface: linear red, green, blue, each from 0 to 1.
 pub type Color = [f32; 3];
 
-/// How the hair is worn.
+/// Hair style.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Hair {
     /// None.
@@ -20,7 +20,7 @@ pub enum Hair {
     Tail,
 }
 
-/// What is printed on the shirt.
+/// Pattern of the shirt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ShirtPattern {
     /// Nothing.
@@ -37,7 +37,7 @@ pub enum ShirtPattern {
     Band,
 }
 
-/// How one person is built and dressed.
+/// Shape and clothes of one person.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Build {
     /// Body height, metres.
@@ -48,7 +48,7 @@ pub struct Build {
     pub chest: f64,
     /// Breadth of the hips relative to the mean.
     pub hips: f64,
-    /// How the hair is worn.
+    /// Hair style.
     pub hair: Hair,
     /// Skin.
     pub skin_color: Color,
@@ -56,7 +56,7 @@ pub struct Build {
     pub hair_color: Color,
     /// Shirt, its main and its second colour.
     pub shirt_colors: [Color; 2],
-    /// What is printed on the shirt.
+    /// Pattern of the shirt.
     pub pattern: ShirtPattern,
     /// Number on the back and, smaller, the chest.
     pub number: Option<u8>,
@@ -66,17 +66,17 @@ pub struct Build {
     pub socks_color: Color,
     /// Shoes.
     pub shoes_color: Color,
-    /// How high above the hip centres the shirt ends, statures.
+    /// Height of the shirt's hem above the hip centres, statures.
     pub belt: f64,
-    /// Where the sleeves end: 0 at the shoulder, 1 at the elbow, 2 at the wrist.
+    /// End of the sleeves: 0 at the shoulder, 1 at the elbow, 2 at the wrist.
     pub sleeves: f64,
-    /// Where the trousers end: 0 at the hip, 1 at the knee, 2 at the ankle.
+    /// End of the trousers: 0 at the hip, 1 at the knee, 2 at the ankle.
     pub trousers: f64,
-    /// Where the socks end, on the scale of [`Self::trousers`].
+    /// End of the socks, on the scale of [`Self::trousers`].
     pub socks: f64,
-    /// How creased the clothes are, 0 to 1.
+    /// Strength of creases in the clothes, 0 to 1.
     pub creases: f32,
-    /// What small details are drawn from.
+    /// Seed of small details.
     pub seed: u64,
 }
 
@@ -102,7 +102,7 @@ const HAIR: [[u8; 3]; 8] = [
 ];
 
 impl Build {
-    /// A build of the given height; everything else is drawn from `seed`.
+    /// A build of the given stature; everything else is drawn from `seed`.
     pub fn from_seed(stature_m: f64, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0062_7569_6c64);
         let slender = rng.random_range(0.0..1.0);
@@ -164,7 +164,7 @@ impl Build {
         }
     }
 
-    /// Dresses several people alike, as a team is: shirts, trousers and socks of `kit`.
+    /// Gives the person the shirt, trousers and socks of `kit`, as for members of a team.
     #[must_use]
     pub fn in_kit_of(mut self, kit: &Self) -> Self {
         self.shirt_colors = kit.shirt_colors;
@@ -174,13 +174,13 @@ impl Build {
         self
     }
 
-    /// The sign of the person's left in body axes that point left, for `side`.
+    /// The sign of `side` in body axes that point left.
     pub(super) fn sign(side: Side) -> f64 {
         -side.mirror()
     }
 }
 
-/// The colour of a cloth: a third are greys, the others any hue.
+/// The colour of a cloth: a third are greys, the others have any hue.
 fn cloth(rng: &mut ChaCha8Rng) -> Color {
     let value: f32 = rng.random_range(0.05..0.95);
     if rng.random_bool(0.35) {
@@ -200,7 +200,7 @@ fn srgb(bytes: [u8; 3]) -> Color {
     linear(bytes.map(|b| f32::from(b) / 255.0))
 }
 
-/// Screens' colours to reflectances.
+/// Converts display colours to reflectances.
 fn linear(encoded: Color) -> Color {
     encoded.map(|v| v.clamp(0.0, 1.0).powf(2.2))
 }

@@ -1,11 +1,11 @@
-//! The one solid that bodies are made of: a ball that travels along a line and changes its size,
-//! squashed along an axis.
+//! The solid that bodies are made of: the volume swept by a ball that moves along a line, changes
+//! its radius, and is flattened along an axis.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::axes::across;
 
-/// Which part of the body a cone belongs to.
+/// The part of the body that a cone belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[expect(missing_docs, reason = "the names are the documentation")]
 pub enum BodyPart {
@@ -31,44 +31,44 @@ pub enum BodyPart {
     RightShank,
     LeftFoot,
     RightFoot,
-    /// No part of a body: a ball, a post.
+    /// No part of a body, for example a ball or a post.
     Thing,
 }
 
-/// A ball that travels from one end to the other while its radius changes evenly, squashed along
-/// axes of its own.
+/// The volume swept by a ball that moves from one end to the other while its radius changes
+/// linearly, flattened along its own axes.
 ///
-/// In its local coordinates it is round: the first end at the origin, the other at
-/// (0, 0, [`Self::length`]).
+/// In local coordinates it is round, with the first end at the origin and the other at (0, 0,
+/// [`Self::length`]).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cone {
-    /// Which part of the body.
+    /// The part of the body.
     pub part: BodyPart,
-    /// What the two ends are on the scale of sleeves and trousers, see
+    /// Positions of the two ends on the scale of sleeves and trousers, see
     /// [`Build::sleeves`](super::Build::sleeves).
     pub along: [f64; 2],
     /// World to local: local = `to_local` x (world - `origin_m`).
     pub to_local: Matrix3<f64>,
     /// The first end, world, metres.
     pub origin_m: Vector3<f64>,
-    /// Distance of the ends, local units (metres, where nothing is squashed).
+    /// Distance of the ends, local units (metres without flattening).
     pub length: f64,
     /// Radii at the ends, local units.
     pub radii: [f64; 2],
     /// The other end, world, metres.
     pub tip_m: Vector3<f64>,
-    /// Radii of balls around the ends that hold the solid between them, metres.
+    /// Radii of balls around the ends that contain the solid between them, metres.
     pub reach_m: [f64; 2],
 }
 
 impl Cone {
-    /// A round one between two ends, world metres.
+    /// A round cone between two ends, world metres.
     pub fn round(part: BodyPart, ends_m: [Vector3<f64>; 2], radii_m: [f64; 2]) -> Self {
         Self::squashed(part, ends_m, radii_m, Vector3::x(), 1.0)
     }
 
-    /// One between two ends whose thickness along `flat` (world, made square to the axis) is
-    /// `share` (0 to 1) of `radii_m`.
+    /// A cone between two ends whose thickness along `flat` (world, made perpendicular to the axis)
+    /// is `share` (0 to 1) of `radii_m`.
     pub fn squashed(
         part: BodyPart,
         ends_m: [Vector3<f64>; 2],
@@ -121,22 +121,22 @@ impl Cone {
         self
     }
 
-    /// A ball that holds the solid: centre and radius, world metres.
+    /// A ball that contains the solid: centre and radius, world metres.
     pub fn bound_m(&self) -> (Vector3<f64>, f64) {
         let half = (self.tip_m - self.origin_m) / 2.0;
         let reach = self.reach_m[0].max(self.reach_m[1]);
         (self.origin_m + half, half.norm() + reach)
     }
 
-    /// Where the line `from + t * direction` (world metres) enters the solid: the smaller t, which
-    /// is negative where the solid lies behind `from`.
+    /// The smaller t at which the line `from + t * direction` (world metres) enters the solid. It
+    /// is negative if the solid is behind `from`.
     pub fn entry(&self, from: &Vector3<f64>, direction: &Vector3<f64>) -> Option<f64> {
         let o = self.to_local * (from - self.origin_m);
         let d = self.to_local * direction;
         let [ra, rb] = self.radii;
         let dd = d.norm_squared();
         if self.length > 0.0 {
-            // The tangent cone of the two balls contains both: no hit, no ball is hit either.
+            // The tangent cone contains both balls: a line that misses it also misses them.
             let s = (ra - rb) / self.length;
             let c2 = 1.0 - s * s;
             let k2 = c2 * dd - d.z * d.z;
@@ -171,7 +171,7 @@ fn ball(from: &Vector3<f64>, direction: &Vector3<f64>, dd: f64, radius: f64) -> 
 mod tests {
     use super::*;
 
-    /// Signed distance of a round cone by sampling its balls.
+    /// Whether a point is inside a round cone, by sampling its balls.
     fn inside(cone: &Cone, point: &Vector3<f64>) -> bool {
         let p = cone.to_local * (point - cone.origin_m);
         (0..=400).any(|n| {
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_enters_where_the_balls_begin() {
+    fn a_line_enters_at_the_surface_of_the_swept_balls() {
         let cone = Cone::squashed(
             BodyPart::Thing,
             [Vector3::new(0.1, 0.2, 0.3), Vector3::new(0.5, -0.1, 0.9)],
@@ -210,7 +210,7 @@ mod tests {
                     assert!((t - m).abs() < 2e-3, "{t} {m}");
                 }
                 (None, None) => {}
-                // A graze between two steps of the march.
+                // A grazing hit between two steps of the march.
                 (Some(t), None) => assert!(!inside(&cone, &(from + direction * (t + 0.01)))),
                 (None, Some(m)) => panic!("missed at {m}"),
             }
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ellipsoid_is_as_long_as_its_halves() {
+    fn an_ellipsoid_has_the_given_half_lengths() {
         let egg = Cone::ellipsoid(
             BodyPart::Head,
             Vector3::new(0.0, 0.0, 1.0),

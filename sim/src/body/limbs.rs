@@ -8,13 +8,11 @@ use super::axes::{TrunkAxes, across};
 use super::build::Build;
 use super::cone::{BodyPart, Cone};
 
-/// The joints and parts of one arm.
 struct Arm {
     joints: [Joint; 4],
     parts: [BodyPart; 3],
 }
 
-/// The joints and parts of one leg.
 struct LegParts {
     joints: [Joint; 5],
     parts: [BodyPart; 3],
@@ -80,7 +78,6 @@ fn leg_of(side: Side) -> LegParts {
     }
 }
 
-/// Adds the cones of one arm.
 pub(super) fn add_arm(
     cones: &mut Vec<Cone>,
     joints: &Joints,
@@ -129,7 +126,8 @@ pub(super) fn add_arm(
         )
         .with_along([1.25, 2.0]),
     );
-    // A hanging hand lies against the thigh; a bent elbow turns about the palm's normal, nearly.
+    // A hanging hand lies against the thigh; a bent elbow turns nearly about the normal of the
+    // palm.
     let sideways = axes.chest.column(1) * (Build::sign(side) * 0.05 * h * h);
     let palm = upper.cross(&fore) * Build::sign(side) * -1.0 + sideways;
     let hand = Hand {
@@ -145,13 +143,12 @@ pub(super) fn add_arm(
 struct Hand {
     part: BodyPart,
     wrist: Vector3<f64>,
-    /// Where the hand's joint is.
+    /// The wrist's end of the hand.
     joint: Vector3<f64>,
-    /// The way that the palm faces, of any length.
+    /// Direction of the palm, of any length.
     palm: Vector3<f64>,
 }
 
-/// Adds the cones of one hand of a person who is `h` metres tall.
 fn add_hand(cones: &mut Vec<Cone>, hand: &Hand, h: f64, side: Side) {
     let &Hand {
         part, wrist, joint, ..
@@ -187,7 +184,6 @@ fn add_hand(cones: &mut Vec<Cone>, hand: &Hand, h: f64, side: Side) {
     ));
 }
 
-/// Adds the cones of one leg.
 pub(super) fn add_leg(
     cones: &mut Vec<Cone>,
     joints: &Joints,
@@ -203,7 +199,7 @@ pub(super) fn add_leg(
     let h = build.stature_m;
     let g = h * build.girth;
     let back = -axes.pelvis.column(0);
-    // Hips carry the thighs from outside the femoral heads.
+    // The thighs start outside the femoral heads.
     let out = axes.pelvis.column(1) * (Build::sign(side) * 0.004 * h);
     let seat = hip + out + back * (0.011 * h);
     let thigh = knee - hip;

@@ -1,8 +1,8 @@
-//! Bodies with volume, from joints alone: what pictures show, and what hides what.
+//! Bodies with volume, built from joints alone, for pictures and for occlusion.
 //!
-//! A [`Volume`] is made of [`Cone`]s laid between the 29 joints of one moment; a [`Build`] says
-//! how wide they are and what the person wears. Nothing of fusion's skeletal model is used, and
-//! the joints may come from any clip.
+//! A [`Volume`] consists of [`Cone`]s between the 29 joints of one moment. A [`Build`] gives their
+//! width and the clothes. The module does not use fusion's skeletal model; the joints may come from
+//! any clip.
 
 mod axes;
 mod build;

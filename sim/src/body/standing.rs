@@ -4,8 +4,8 @@ use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::body::skeleton::Joints;
 use nalgebra::Vector3;
 
-/// Where the joints are under the pelvis or above it, in statures: forward, left, up. Only the
-/// left side: the right one mirrors it.
+/// Offsets of the left joints from the pelvis, in statures: forward, left, up. The right side
+/// mirrors them.
 const LEFT: [(Joint, Joint, [f64; 3]); 10] = [
     (Joint::LeftEye, Joint::RightEye, [0.05, 0.019, 0.405]),
     (Joint::LeftEar, Joint::RightEar, [0.0, 0.042, 0.39]),
@@ -27,7 +27,7 @@ const MIDDLE: [(Joint, [f64; 3]); 5] = [
     (Joint::Nose, [0.06, 0.0, 0.39]),
 ];
 
-/// The joints (world, metres) of somebody who stands at `at_m` and faces +x.
+/// The joints (world, metres) of a person who stands at `at_m` and faces +x.
 pub(crate) fn standing(stature_m: f64, at_m: [f64; 2]) -> Joints {
     let mut joints = [Vector3::zeros(); 29];
     let root = Vector3::new(at_m[0], at_m[1], 0.53 * stature_m);

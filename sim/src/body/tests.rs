@@ -1,4 +1,4 @@
-//! What bodies hide, and how far they reach.
+//! Tests of occlusion and size of bodies.
 
 use farfield_fusion::body::skeleton::Joint;
 use nalgebra::Vector3;
@@ -8,7 +8,7 @@ use super::{Build, Volume};
 use crate::scene::SITE_JOINTS;
 
 const STATURE_M: f64 = 1.75;
-/// COCO's places of the keypoints named here.
+/// COCO indices of keypoints.
 const NOSE: usize = 0;
 const LEFT_SHOULDER: usize = 5;
 const LEFT_WRIST: usize = 9;
@@ -25,7 +25,7 @@ fn person(seed: u64) -> (Volume, [Vector3<f64>; 17]) {
 }
 
 #[test]
-fn nothing_of_a_person_hides_what_faces_the_camera() {
+fn a_person_does_not_hide_its_side_towards_the_camera() {
     for seed in 0..20 {
         let (body, keypoints) = person(seed);
         for (k, p) in keypoints.iter().enumerate() {
@@ -60,7 +60,7 @@ fn the_trunk_hides_the_far_arm_and_not_the_near_one() {
 }
 
 #[test]
-fn another_person_hides_who_stands_behind() {
+fn a_person_in_front_hides_a_person_behind() {
     let (front, _) = person(5);
     let behind = standing(STATURE_M, [-1.0, 0.0]);
     let chest = behind[Joint::Spine as usize];
@@ -92,7 +92,7 @@ fn a_body_reaches_from_the_floor_to_its_stature() {
 }
 
 #[test]
-fn joints_that_tell_nothing_still_make_a_body() {
+fn degenerate_joints_still_make_a_finite_body() {
     let nothing = [Vector3::new(1.0, 2.0, 3.0); 29];
     let body = Volume::new(&nothing, &Build::from_seed(STATURE_M, 1));
     let sound = |c: &super::Cone| {

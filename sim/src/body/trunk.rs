@@ -1,6 +1,6 @@
 //! Pelvis, abdomen, chest, neck and head.
 //!
-//! Measures are shares of the stature, from mean breadths and depths of adults.
+//! Sizes are shares of the stature, from mean breadths and depths of adults.
 
 use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::body::skeleton::Joints;
@@ -10,7 +10,6 @@ use super::axes::TrunkAxes;
 use super::build::{Build, Hair};
 use super::cone::{BodyPart, Cone};
 
-/// Adds the cones of the trunk.
 pub(super) fn add(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, build: &Build) {
     let at = |j: Joint| joints[j as usize];
     let h = build.stature_m;
@@ -27,8 +26,8 @@ pub(super) fn add(cones: &mut Vec<Cone>, joints: &Joints, axes: &TrunkAxes, buil
         forward,
         0.95,
     ));
-    // Where the lumbosacral joint lies behind the middle of the body differs between clips: the
-    // waist is taken between pelvis and neck.
+    // The lumbosacral joint has different depths in different clips, so the waist is interpolated
+    // between pelvis and neck.
     let waist = at(Joint::Pelvis)
         + (at(Joint::Neck) - at(Joint::Pelvis)) * 0.36
         + chest_forward * (0.006 * h);

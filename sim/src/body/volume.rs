@@ -1,4 +1,4 @@
-//! The body of one moment, and what it hides.
+//! The body at one moment, and what it hides.
 
 use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::body::skeleton::{Joint, Side};
@@ -9,15 +9,15 @@ use super::build::Build;
 use super::cone::{BodyPart, Cone};
 use super::{limbs, trunk};
 
-/// A point this close behind a surface is still on it, metres.
+/// A point this close behind a surface counts as on it, metres.
 const ON_SURFACE_M: f64 = 0.02;
 
-/// The body of one moment: its solids, world metres.
+/// The body at one moment: its solids, world metres.
 #[derive(Debug, Clone)]
 pub struct Volume {
     /// The solids; they overlap.
     pub cones: Vec<Cone>,
-    /// Middle between the ears, and axes of the head as columns (forward, left, up), world.
+    /// The middle between the ears, and the axes of the head as columns (forward, left, up), world.
     pub head_m: (Vector3<f64>, Matrix3<f64>),
     /// The same for the chest, at the base of the neck.
     pub chest_m: (Vector3<f64>, Matrix3<f64>),
@@ -25,7 +25,7 @@ pub struct Volume {
     pub pelvis_m: (Vector3<f64>, Matrix3<f64>),
     /// The two eyes, left first, world metres.
     pub eyes_m: [Vector3<f64>; 2],
-    /// A ball that holds the body: centre and radius, world metres.
+    /// A ball that contains the body: centre and radius, world metres.
     pub bound_m: (Vector3<f64>, f64),
 }
 
@@ -51,8 +51,8 @@ impl Volume {
         }
     }
 
-    /// The same with every point moved to `center_m` + `squeeze` x (point - `center_m`). A squeeze that
-    /// takes all depth away leaves no body: it must have an inverse, else nothing changes.
+    /// The same with every point moved to `center_m` + `squeeze` x (point - `center_m`). A matrix
+    /// without an inverse has no effect, because it would remove all depth.
     #[must_use]
     pub fn squeezed(mut self, squeeze: &Matrix3<f64>, center_m: &Vector3<f64>) -> Self {
         let Some(back) = squeeze.try_inverse() else {
@@ -74,10 +74,9 @@ impl Volume {
 
     /// Whether this body hides `point_m` from `eye_m` (world metres).
     ///
-    /// `own_keypoint` is the point's place in COCO's list when it is a keypoint of this very body:
-    /// the parts that it lies in then hide it only with the thickness that they have on its far
-    /// side. A shoulder is not hidden by its own deltoid, but it is by the chest; an eye is hidden
-    /// by the back of the head.
+    /// `own_keypoint` is the COCO index if the point is a keypoint of this body. Parts that contain
+    /// the point then hide it only by their thickness on the far side. A shoulder is not hidden by
+    /// its own deltoid, but by the chest; an eye is hidden by the back of the head.
     pub fn covers(
         &self,
         eye_m: &Vector3<f64>,
@@ -102,7 +101,7 @@ impl Volume {
     }
 }
 
-/// Whether the way from `eye` along `sight` stays outside a ball.
+/// Whether the ray from `eye` along `sight` misses a ball.
 fn is_clear_of(
     eye: &Vector3<f64>,
     sight: &Vector3<f64>,
@@ -114,15 +113,15 @@ fn is_clear_of(
     (to_center - sight * share).norm_squared() > radius * radius
 }
 
-/// How deep below the surface of `part` the body's own keypoint may lie and still be seen, metres;
-/// infinite for the parts around it.
+/// How deep below the surface of `part` the body's own keypoint may be and still be visible,
+/// metres; infinite for the parts around it.
 fn own_depth_m(keypoint: usize, part: BodyPart) -> f64 {
     use BodyPart::{
         Abdomen, Chest, Girdle, Hair, Head, LeftFoot, LeftForearm, LeftHand, LeftShank, LeftThigh,
         LeftUpperArm, Neck, Pelvis, RightFoot, RightForearm, RightHand, RightShank, RightThigh,
         RightUpperArm,
     };
-    const BESIDE: f64 = f64::INFINITY;
+    const ADJACENT: f64 = f64::INFINITY;
     match (keypoint, part) {
         (0..=4, Head | Hair) => 0.045,
         (5 | 6, Chest) => 0.15,
@@ -139,7 +138,7 @@ fn own_depth_m(keypoint: usize, part: BodyPart) -> f64 {
         | (13 | 15, LeftShank)
         | (14 | 16, RightShank)
         | (15, LeftFoot)
-        | (16, RightFoot) => BESIDE,
+        | (16, RightFoot) => ADJACENT,
         (11 | 12, Pelvis | Abdomen) => 0.18,
         _ => ON_SURFACE_M,
     }

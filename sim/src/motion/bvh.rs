@@ -1,28 +1,29 @@
 //! The BVH file: a tree of bones with Euler channels, and their values frame by frame.
 //!
-//! Any order of channels, three or six of them on any bone, tabs, CRLF, names with spaces. A bone's
-//! rotation is the product of its rotation channels in the order of the file. Position channels
-//! of the root are added to its offset; those of other bones replace the offset or are added to
-//! it, whichever keeps the bone nearer to its offset in the first frame, for programs write both.
+//! The parser accepts any order of channels, three or six channels on any bone, tabs, CRLF, and
+//! names with spaces. A bone's rotation is the product of its rotation channels in file order.
+//! Position channels of the root are added to its offset. Position channels of other bones replace
+//! the offset or are added to it, because programs write both; the parser takes the reading that
+//! keeps the bone nearer to its offset in the first frame.
 //!
-//! Nothing is allocated on the word of a number in the file: counts are checked against what is
-//! there, and [`MAX_BONES`] bounds the tree.
+//! Numbers in a file never cause a large allocation: counts are checked against the actual content,
+//! and [`MAX_BONES`] limits the tree.
 
 use std::path::Path;
 
 use farfield_proto::toml_file::FileError;
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// More bones than any skeleton of a person, faces and fingers included.
+/// More bones than any skeleton of a person, including face and fingers.
 pub const MAX_BONES: usize = 1000;
 
-/// Values beyond this are no coordinate or angle, whatever the unit.
+/// Larger values are no coordinate or angle in any unit.
 const MAX_VALUE: f64 = 1e9;
 
-/// Frames further apart or nearer than this are no motion of a person, seconds.
+/// Range of plausible frame times, seconds.
 const FRAME_TIMES_S: [f64; 2] = [1e-5, 10.0];
 
-/// What one number of a frame does.
+/// The effect of one number of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BvhChannel {
     /// Moves along an axis (0 to 2), file units.
@@ -31,26 +32,26 @@ pub enum BvhChannel {
     Rotation(usize),
 }
 
-/// A bone: its joint with the parent is its origin.
+/// A bone. Its origin is the joint with its parent.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bone {
-    /// As in the file.
+    /// Name in the file.
     pub name: String,
-    /// Index of the parent, always below its own; none for the root.
+    /// Index of the parent, always below its own; `None` for the root.
     pub parent: Option<usize>,
-    /// From the parent's origin, in the parent's axes, file units.
+    /// Offset from the parent's origin, in the parent's axes, file units.
     pub offset: Vector3<f64>,
     /// Its end site, in its own axes, file units.
     pub end: Option<Vector3<f64>>,
-    /// What its numbers in a frame do, in their order.
+    /// Its channels, in the order of the numbers in a frame.
     pub channels: Vec<BvhChannel>,
-    /// The index of its first number in a frame.
+    /// Index of its first number in a frame.
     first_value: usize,
-    /// Whether its positions stand in for the offset.
+    /// Whether its positions replace the offset.
     replaces_offset: bool,
 }
 
-/// A whole file; not empty, every number finite.
+/// A whole file; not empty, all numbers are finite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bvh {
     /// Parents before children.
@@ -62,20 +63,20 @@ pub struct Bvh {
     n_channels: usize,
 }
 
-/// Where a bone is: its origin and its axes.
+/// Pose of a bone: its origin and its axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacedBone {
     /// The origin, file units.
     pub origin: Vector3<f64>,
-    /// From the bone's axes.
+    /// Rotation from the bone's axes.
     pub rotation: UnitQuaternion<f64>,
 }
 
 impl Bvh {
-    /// Reads a file's `text`; `path` is only named in errors.
+    /// Parses `text`; errors name `path`.
     ///
     /// # Errors
-    /// [`FileError`] with the line, what was found and what was expected.
+    /// [`FileError`] with line, found and expected text.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
         let mut reader = BvhReader::new(text, path);
         let bones = reader.hierarchy()?;
@@ -91,12 +92,12 @@ impl Bvh {
         Ok(bvh)
     }
 
-    /// How many frames there are; above zero.
+    /// Number of frames; above zero.
     pub fn n_frames(&self) -> usize {
         self.values.len() / self.n_channels
     }
 
-    /// Where `bone` is in its parent's axes in `frame`, file units.
+    /// The pose of `bone` in its parent's axes in `frame`, file units.
     pub fn local(&self, frame: usize, bone: usize) -> PlacedBone {
         let bone = &self.bones[bone];
         let mut origin = bone.offset;
@@ -115,7 +116,7 @@ impl Bvh {
         PlacedBone { origin, rotation }
     }
 
-    /// Where every bone is in `frame`, in the file's axes and units.
+    /// The pose of every bone in `frame`, in the file's axes and units.
     pub fn placed(&self, frame: usize) -> Vec<PlacedBone> {
         let mut placed: Vec<PlacedBone> = Vec::with_capacity(self.bones.len());
         for (i, bone) in self.bones.iter().enumerate() {
@@ -145,7 +146,7 @@ impl Bvh {
 }
 
 impl PlacedBone {
-    /// A place given in these axes, in the axes around.
+    /// Composes with a pose that is relative to this one.
     #[must_use]
     pub fn then(&self, inner: &Self) -> Self {
         Self {
@@ -154,18 +155,18 @@ impl PlacedBone {
         }
     }
 
-    /// A point given in these axes, in the axes around.
+    /// Transforms a point from these axes to the outer axes.
     pub fn at(&self, point: Vector3<f64>) -> Vector3<f64> {
         self.origin + self.rotation * point
     }
 
-    /// A point of the axes around, in these axes.
+    /// Transforms a point from the outer axes to these axes.
     pub fn inside(&self, point: Vector3<f64>) -> Vector3<f64> {
         self.rotation.inverse() * (point - self.origin)
     }
 }
 
-/// The lines of a file that are not blank, with their numbers, and words left of the current one.
+/// The non-blank lines with their numbers, and the remaining words of the current line.
 struct BvhReader<'a> {
     path: &'a Path,
     lines: std::iter::Enumerate<std::str::Lines<'a>>,
@@ -189,7 +190,7 @@ impl<'a> BvhReader<'a> {
         FileError::new(self.path, problem).at_line(self.line)
     }
 
-    /// Goes to the next line that is not blank; its words are in reverse, the next one last.
+    /// Advances to the next non-blank line. Its words are in reverse order, the next one last.
     fn next_line(&mut self) -> bool {
         for (i, line) in self.lines.by_ref() {
             self.line = i + 1;
@@ -239,7 +240,7 @@ impl<'a> BvhReader<'a> {
         Ok(vector)
     }
 
-    /// The rest of the line up to a brace; names may hold spaces.
+    /// The rest of the line up to a brace; names may contain spaces.
     fn name(&mut self) -> String {
         let mut name = String::new();
         while self.words.last().is_some_and(|word| *word != "{") {
@@ -280,7 +281,7 @@ impl<'a> BvhReader<'a> {
         Ok(bones)
     }
 
-    /// The head of a bone, from its name to its channels, put at the end of `bones`.
+    /// Parses the head of a bone, from its name to its channels, and appends it to `bones`.
     fn bone(
         &mut self,
         bones: &mut Vec<Bone>,

@@ -1,20 +1,20 @@
 //! A clip: the posture of one person as a function of time.
 //!
-//! Between frames bones turn by slerp and the root moves by lerp; before the start and after the
-//! end the first and the last frame stand.
+//! Between frames bones turn by slerp and the root moves linearly. Before the start and after the
+//! end the first and the last frame apply.
 //!
-//! **Units.** Clips come in centimetres, metres or anything else; a clip's own skeleton gives its
-//! stature in file units ([`Clip::stature_units`], see [`super::rig`]) and [`Clip::posture`]
-//! speaks in statures.
+//! **Units.** Clips may use centimetres, metres or any other unit. The clip's own skeleton gives
+//! its stature in file units ([`Clip::stature_units`], see [`super::rig`]). [`Clip::posture`] uses
+//! statures.
 //!
-//! **Floor.** The height of a root's origin may be the floor, the hips' first height or anything
-//! else, so the floor is found from the body: in every frame the lowest of the 29 joints (of a
-//! foot without toe bone the ball instead of the tip), and of these heights the 20 % quantile. A
-//! clip that never stands (a crawl) rests on whatever is lowest; a flight, a cartwheel or a foot
-//! that dips under the floor for a moment does not move it.
+//! **Floor.** The origin's height may be relative to the floor, to the hips' first height or to
+//! anything else, so the floor is estimated from the body. The estimate takes the lowest of the 29
+//! joints in every frame (the ball instead of the tip for a foot without toe bone), and the 20 %
+//! quantile of these heights. A clip that never stands (a crawl) rests on its lowest parts. Flight,
+//! a cartwheel, or a foot that briefly dips below the floor does not change the estimate.
 //!
-//! **Couples** recorded in one coordinate frame keep it through [`Clip::posture_beside`], which
-//! uses the first one's stature and floor for both.
+//! **Couples** recorded in one coordinate frame keep it through [`Clip::posture_relative_to`],
+//! which uses the stature and floor of the first person for both.
 
 use std::fs;
 use std::path::Path;
@@ -28,16 +28,16 @@ use super::bvh::{Bvh, PlacedBone};
 use super::posture::Posture;
 use super::rig::{BonePoint, BoneRig, Family};
 
-/// A file beyond this is no clip of one person.
+/// Larger files are no clip of one person.
 const MAX_FILE_BYTES: u64 = 512 << 20;
 
-/// The share of frames whose lowest joint may be below the floor.
+/// Share of frames whose lowest joint may be below the floor.
 const FLOOR_QUANTILE: f64 = 0.2;
 
-/// Toes bend no further at the ball of the foot, radians (70 degrees).
+/// Largest bend of the toes at the ball of the foot, radians (70 degrees).
 const LARGEST_BEND_RAD: f64 = 1.22;
 
-/// The upward share of the back of the foot from which toes bend in full: 30 degrees of it.
+/// Upward component of the back of the foot above which toes bend fully: 30 degrees.
 const STEEP_BACK: f64 = 0.5;
 
 /// The motion of one skeleton.
@@ -50,10 +50,10 @@ pub struct Clip {
     floor_units: f64,
     mean_lengths: [f64; N_JOINTS],
     z_up: UnitQuaternion<f64>,
-    /// The bones that carry joints and those above them, parents first.
+    /// The bones that carry joints, and their ancestors; parents first.
     tracks: Vec<BoneMotion>,
     sites: [BonePoint; N_JOINTS],
-    /// Under the balls of the feet, where the toes have no bone to bend by.
+    /// Under the balls of the feet, if there are no toe bones that bend.
     balls: Option<[BonePoint; 2]>,
 }
 
@@ -62,7 +62,7 @@ pub struct Clip {
 struct BoneMotion {
     parent: Option<usize>,
     rotations: Vec<UnitQuaternion<f64>>,
-    /// One origin where it stays, else one per frame.
+    /// One origin if it is constant, else one per frame.
     origins: Vec<Vector3<f64>>,
 }
 
@@ -70,8 +70,8 @@ impl Clip {
     /// Reads a BVH file.
     ///
     /// # Errors
-    /// [`FileError`] when it cannot be read, is no BVH file, or no skeleton of a person; with the
-    /// line where there is one.
+    /// [`FileError`] for an unreadable or invalid BVH file, or a skeleton that is not a person;
+    /// with the line if known.
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let unreadable = |e: std::io::Error| {
             let problem = format!("cannot be read: {e}, expected a motion clip (BVH)");
@@ -86,7 +86,7 @@ impl Clip {
         Self::parse(&String::from_utf8_lossy(&bytes), path)
     }
 
-    /// Reads the text of a BVH file; `path` is only named in errors.
+    /// Parses the text of a BVH file; errors name `path`.
     ///
     /// # Errors
     /// As [`Clip::load`].
@@ -122,7 +122,7 @@ impl Clip {
         Ok(clip)
     }
 
-    /// What kind of skeleton it is.
+    /// The kind of skeleton.
     pub fn family(&self) -> Family {
         self.family
     }
@@ -148,20 +148,20 @@ impl Clip {
         self.floor_units
     }
 
-    /// Mean distance of each joint to its parent over the clip, in statures; 0 for the pelvis.
+    /// Mean distance of each joint from its parent over the clip, in statures; 0 for the pelvis.
     pub fn mean_lengths(&self) -> [f64; N_JOINTS] {
         self.mean_lengths
     }
 
-    /// The posture at `time_s`, in statures, z up, the floor at z = 0, in the clip's own
-    /// horizontal axes and from its own origin.
+    /// The posture at `time_s`, in statures, z up, with the floor at z = 0, in the clip's own
+    /// horizontal axes and origin.
     pub fn posture(&self, time_s: f64) -> Posture {
-        self.posture_beside(time_s, self)
+        self.posture_relative_to(time_s, self)
     }
 
-    /// The posture at `time_s` in the statures of `first` and above the floor of `first`: two
-    /// people recorded in one coordinate frame stay in it, and keep their difference in size.
-    pub fn posture_beside(&self, time_s: f64, first: &Self) -> Posture {
+    /// The posture at `time_s` in statures of `first` and above the floor of `first`. Two people
+    /// recorded in one coordinate frame stay in it and keep their difference in size.
+    pub fn posture_relative_to(&self, time_s: f64, first: &Self) -> Posture {
         let mut posture = self.posture_units(time_s);
         let floor = Vector3::z() * first.floor_units;
         for joint in &mut posture.joints {
@@ -189,11 +189,11 @@ impl Clip {
         Posture { joints }
     }
 
-    /// Where the bones of the tracks are at `time_s`, in the file's own axes.
+    /// The poses of the bones of the tracks at `time_s`, in the file's own axes.
     fn placed(&self, time_s: f64) -> Vec<PlacedBone> {
         let last = (self.n_frames - 1) as f64;
         let at = time_s / self.frame_time_s;
-        // Written so that not a number is the start as well.
+        // In this form NaN also gives the start.
         let at = if at > 0.0 { at.min(last) } else { 0.0 };
         #[expect(
             clippy::cast_possible_truncation,
@@ -229,7 +229,7 @@ impl Clip {
         self.z_up * placed[site.bone].at(site.offset)
     }
 
-    /// Finds the floor, then the mean lengths above it.
+    /// Estimates the floor, then the mean lengths above it.
     fn measure(&mut self) {
         let times = |clip: &Self| {
             let frame_time_s = clip.frame_time_s;
@@ -256,7 +256,7 @@ impl Clip {
         self.mean_lengths = sums.map(|sum| sum / self.n_frames as f64 / self.stature_units);
     }
 
-    /// The height of what could stand on the floor, file units.
+    /// The height of the lowest point that may stand on the floor, file units.
     fn lowest(&self, time_s: f64) -> f64 {
         let placed = self.placed(time_s);
         let mut joints = self.joints(&placed);
@@ -268,10 +268,10 @@ impl Clip {
     }
 }
 
-/// The toes (from the ball of the foot to the tip) bent at the ball towards the back of the foot,
-/// where `to_ankle` points, by as little as lifts the tip to `floor` (a height from the ball) or,
-/// where the ball itself is under the floor, makes them level; at most [`LARGEST_BEND_RAD`], and
-/// less where the foot lies on its side.
+/// Bends the toes (vector from the ball of the foot to the tip) at the ball towards the back of the
+/// foot, where `to_ankle` points. The angle is the smallest that lifts the tip to `floor` (a height
+/// relative to the ball), or levels the toes if the ball itself is below the floor. It is at most
+/// [`LARGEST_BEND_RAD`], and smaller if the foot lies on its side.
 fn bent_toes(toes: Vector3<f64>, to_ankle: Vector3<f64>, floor: f64) -> Vector3<f64> {
     let length = toes.norm();
     let along = toes / length;
@@ -303,7 +303,8 @@ impl BoneMotion {
     }
 }
 
-/// The bones that carry sites and those above them, from frame `lead` on, and where each bone went.
+/// The bones that carry sites and their ancestors, from frame `lead` on, and the new index of each
+/// bone.
 fn tracks(bvh: &Bvh, rig: &BoneRig, lead: usize) -> (Vec<BoneMotion>, Vec<usize>) {
     let mut used = vec![false; bvh.bones.len()];
     for site in &rig.sites {
@@ -340,10 +341,10 @@ mod tests {
     use crate::motion::sample::USUAL;
 
     #[test]
-    fn toes_bend_up_to_the_floor_and_no_more() {
+    fn toes_bend_only_up_to_the_floor() {
         let toes = |pitch: f64| Vector3::new(pitch.cos(), 0.0, -pitch.sin());
         let ankle = |pitch: f64| Vector3::new(pitch.sin() - 1.5 * pitch.cos(), 0.0, pitch.cos());
-        // In the air and on a flat foot nothing bends.
+        // In the air and on a flat foot no toes bend.
         assert_eq!(bent_toes(toes(0.5), ankle(0.5), -2.0), toes(0.5));
         assert_eq!(bent_toes(toes(0.0), ankle(0.0), 0.0), toes(0.0));
         for pitch in [0.1, 0.5, 1.0] {
@@ -352,7 +353,7 @@ mod tests {
                 assert!((bent.z - floor).abs() < 1e-9 && bent.x > 0.9);
                 assert!((bent.norm() - 1.0).abs() < 1e-9);
             }
-            // Under the floor toes get level, not through the foot.
+            // Below the floor toes become level, without passing through the foot.
             assert!(bent_toes(toes(pitch), ankle(pitch), 0.3).z.abs() < 1e-9);
         }
         let steep = bent_toes(toes(1.5), ankle(1.5), 0.0);
@@ -362,10 +363,10 @@ mod tests {
     }
 
     #[test]
-    fn between_frames_bones_turn_and_the_root_moves_and_the_ends_stand() {
+    fn frames_are_interpolated_and_the_ends_are_held() {
         let text = USUAL.file(0.0);
         let frame = text.lines().last().unwrap();
-        // The root two metres on, and turned by 60 degrees about the vertical.
+        // The root moves by two metres and turns by 60 degrees about the vertical.
         let next = frame.replacen("1 0.86 3 0 0 0", "1 0.86 5 0 60 0", 1);
         assert_ne!(frame, next);
         let text = text.replace("Frames: 1", "Frames: 2") + &next + "\n";
@@ -389,7 +390,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_damage_to_a_file_makes_it_panic_or_lose_its_numbers(
+        fn damaged_files_cause_no_panic_and_no_nan(
             at in 0..1200_usize,
             length in 0..30_usize,
             new in "([-0-9.e]{0,12}|[{}\\n]{0,3}|[a-z_ ]{0,12})",

@@ -1,10 +1,11 @@
-//! A posture: where the 29 joints are at one moment, and what a scene does with it.
+//! A posture: the positions of the 29 joints at one moment, and operations on it.
 
 use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-/// The joints of one moment, indexed by [`Joint`]; in statures unless said, z up, right-handed.
+/// The joints of one moment, indexed by [`Joint`]; z up, right-handed, in statures if not stated
+/// otherwise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Posture {
     /// The joints.
@@ -12,7 +13,7 @@ pub struct Posture {
 }
 
 impl Posture {
-    /// Where one joint is.
+    /// The position of one joint.
     pub fn at(&self, joint: Joint) -> Vector3<f64> {
         self.joints[joint.index()]
     }
@@ -32,22 +33,22 @@ impl Posture {
 
     /// The heading of the pelvis on the floor plane, radians from +x towards +y, in (-pi, pi].
     ///
-    /// It is the twist about the vertical of the pelvis's rotation: where the pelvis would face if
-    /// it were tilted upright the shortest way. Upright that is where it faces; who lies on the
-    /// back or on the face has the heading that sitting or standing up from there gives; a
-    /// cartwheel keeps its heading through the inverted moment. Continuous but for the pelvis
-    /// exactly upside-down, where no heading can be (each side of it gives its own): near that it
-    /// turns fast.
+    /// It is the twist about the vertical in the rotation of the pelvis: the direction that the
+    /// pelvis would face if it were tilted upright the shortest way. For an upright person this is
+    /// the facing direction. A person lying on the back or on the face has the heading after
+    /// sitting or standing up. A cartwheel keeps its heading through the inverted moment. The
+    /// heading is continuous except for a pelvis exactly upside down, where it is undefined; near
+    /// that posture it changes fast.
     pub fn facing_rad(&self) -> f64 {
         let q = self.pelvis_axes();
         let heading = 2.0 * q.k.atan2(q.w);
         wrapped(heading)
     }
 
-    /// The posture on the way from this one (`share` 0) to `to` (1).
+    /// The interpolated posture between this one (`share` 0) and `to` (1).
     ///
-    /// The pelvis moves straight and turns by slerp; every bone turns, in the axes of the pelvis,
-    /// the shortest way, and its length changes evenly; the head is turned as one piece.
+    /// The pelvis moves straight and turns by slerp. Every bone turns the shortest way in the axes
+    /// of the pelvis, and its length changes linearly. The head turns as one piece.
     #[must_use]
     pub fn blend(&self, to: &Self, share: f64) -> Self {
         let share = share.clamp(0.0, 1.0);
@@ -75,12 +76,12 @@ impl Posture {
         Self { joints }
     }
 
-    /// The same posture of a body whose mean lengths are `to` where this one's are `from`, both by
-    /// [`Joint`], distance to the parent: every bone is scaled by its own ratio, so that what
-    /// varies inside a clip still does.
+    /// The same posture of a body with the mean lengths `to` instead of `from`, both by [`Joint`],
+    /// distance to the parent. Every bone is scaled by its own ratio, so variations inside a clip
+    /// remain.
     ///
-    /// The pelvis is moved, along the floor and above it, by the ratio of the legs (hip to knee
-    /// and knee to ankle), so that feet stay on the floor and steps do not slide.
+    /// The pelvis moves, along and above the floor, by the ratio of the legs (hip to knee and knee
+    /// to ankle). So feet stay on the floor and steps do not slide.
     #[must_use]
     pub fn with_mean_lengths(&self, from: &[f64; N_JOINTS], to: &[f64; N_JOINTS]) -> Self {
         let leg = |lengths: &[f64; N_JOINTS]| -> f64 {
@@ -100,7 +101,7 @@ impl Posture {
         for (joint, parent) in bones() {
             let i = joint.index();
             let scale = if matches!(joint, Joint::LeftHip | Joint::RightHip) {
-                // One ratio for both, as the pelvis is their midpoint.
+                // One ratio for both, because the pelvis is their midpoint.
                 ratio(hips(from), hips(to))
             } else {
                 ratio(from[i], to[i])
@@ -120,13 +121,13 @@ impl Posture {
         }
     }
 
-    /// The joints in metres of a person of that stature.
+    /// The joints in metres for a person of that stature.
     pub fn scaled(&self, stature_m: f64) -> Joints {
         self.joints.map(|joint| joint * stature_m)
     }
 }
 
-/// Every joint that has a parent, with it; parents come first.
+/// Every joint with its parent; parents come first.
 fn bones() -> impl Iterator<Item = (Joint, Joint)> {
     Joint::ALL
         .into_iter()
@@ -142,13 +143,13 @@ fn ratio(from: f64, to: f64) -> f64 {
     }
 }
 
-/// An angle as the one in (-pi, pi] that points the same way.
+/// The equivalent angle in (-pi, pi].
 fn wrapped(angle_rad: f64) -> f64 {
     let (sin, cos) = angle_rad.sin_cos();
     sin.atan2(cos)
 }
 
-/// The axes with y along `left` and z near `up`; none where these are parallel or zero.
+/// The axes with y along `left` and z near `up`; the identity if these are parallel or zero.
 fn axes(left: Vector3<f64>, up: Vector3<f64>) -> UnitQuaternion<f64> {
     let rotation = || {
         let y = left.try_normalize(f64::EPSILON)?;
@@ -165,14 +166,13 @@ fn slerp(from: UnitQuaternion<f64>, to: UnitQuaternion<f64>, share: f64) -> Unit
         .unwrap_or(if share < 0.5 { from } else { to })
 }
 
-/// The vector on the way from `a` to `b`: the direction turned the shortest way, the length in
-/// between.
+/// The vector between `a` and `b`: the direction turned the shortest way, the length interpolated.
 fn swung(a: &Vector3<f64>, b: &Vector3<f64>, share: f64) -> Vector3<f64> {
     let length = a.norm() * (1.0 - share) + b.norm() * share;
     let (Some(a), Some(b)) = (a.try_normalize(f64::EPSILON), b.try_normalize(f64::EPSILON)) else {
         return a.lerp(b, share);
     };
-    // Opposite directions have no shortest way; the same axis for a vector and its opposite keeps
+    // Opposite directions have no shortest way. A common axis for a vector and its opposite keeps
     // the pelvis between the hips.
     let turn = UnitQuaternion::rotation_between(&a, &b).unwrap_or_else(|| {
         let steep = a.x.abs() > 0.9;
@@ -191,7 +191,7 @@ mod tests {
 
     use super::*;
 
-    /// Upright at the origin, facing +x; about the proportions of a person.
+    /// An upright person at the origin who faces +x, with typical proportions.
     fn upright() -> Posture {
         let mut joints = [Vector3::zeros(); N_JOINTS];
         let mut set = |joint: Joint, x: f64, y: f64, z: f64| {
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn facing_is_where_the_pelvis_faces_or_would_when_tilted_upright() {
+    fn facing_is_the_heading_of_the_pelvis_tilted_upright() {
         let posture = turned(&upright(), Vector3::z(), 2.0);
         assert!((posture.facing_rad() - 2.0).abs() < 1e-9);
         // On the back with the feet towards +x, and on the face with the feet towards -x.
@@ -258,21 +258,21 @@ mod tests {
     }
 
     #[test]
-    fn a_blend_runs_from_one_to_the_other_and_keeps_the_bones() {
+    fn a_blend_connects_two_postures_and_keeps_bone_lengths() {
         let from = upright();
         let to = turned(&upright(), Vector3::z(), 2.5).moved(0.0, Vector3::new(0.1, 0.2, -0.03));
         assert!(furthest(&from.blend(&to, 0.0), &from) < 1e-9);
         assert!(furthest(&from.blend(&to, 1.0), &to) < 1e-9);
         let half = from.blend(&to, 0.5);
         assert!((half.facing_rad() - 1.25).abs() < 1e-9);
-        let kept = lengths(&half);
-        for (a, b) in kept.iter().zip(&lengths(&from)) {
+        let blended = lengths(&half);
+        for (a, b) in blended.iter().zip(&lengths(&from)) {
             assert!((a - b).abs() < 1e-9);
         }
     }
 
     #[test]
-    fn a_blend_onto_the_head_stays_a_person() {
+    fn a_blend_to_a_headstand_keeps_plausible_lengths() {
         let inverted = turned(&upright(), Vector3::x(), PI);
         for i in 0..=20 {
             let share = f64::from(i) / 20.0;
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn other_lengths_keep_directions_and_feet_on_the_floor() {
+    fn changed_lengths_keep_directions_and_feet_on_the_floor() {
         let posture = upright();
         let from = lengths(&posture);
         let taller = from.map(|length| 1.1 * length);
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn moving_turns_about_the_origin_first() {
+    fn moved_turns_about_the_origin_before_the_shift() {
         let moved = upright()
             .moved(FRAC_PI_4, Vector3::new(1.0, 2.0, 0.0))
             .scaled(2.0);
@@ -336,7 +336,7 @@ mod tests {
         }
 
         #[test]
-        fn a_blend_is_never_without_numbers(
+        fn a_blend_is_always_finite(
             a in proptest::collection::vec(-1.0..1.0_f64, 3 * N_JOINTS),
             b in proptest::collection::vec(-1.0..1.0_f64, 3 * N_JOINTS),
             share in 0.0..1.0_f64,

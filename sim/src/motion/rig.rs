@@ -1,47 +1,47 @@
-//! Recognises a skeleton by the names of its bones, and says where the 29 joints sit on it.
+//! Recognises a skeleton by the names of its bones, and places the 29 joints on it.
 //!
 //! **Bones are joints.** Shoulder, elbow, wrist, hip, knee and ankle are the origins of their
-//! bones; the neck is the origin of the neck bone (the lowest, if there are several), the scapula
-//! the origin of the collar bone. The pelvis is the midpoint of the hips. Names are known in their
-//! usual forms (`LeftUpLeg`, `left_hip`, `lThigh`, `CC_Base_L_Thigh`, `mixamorig:LeftLeg`).
+//! bones. The neck is the origin of the (lowest) neck bone, the scapula the origin of the collar
+//! bone. The pelvis is the midpoint of the hips. Names are known in their usual forms (`LeftUpLeg`,
+//! `left_hip`, `lThigh`, `CC_Base_L_Thigh`, `mixamorig:LeftLeg`).
 //!
-//! **Where there is no bone** a point is fixed to the nearest one, in shares of the clip's stature
-//! (see below), forward, left and up as the bone stands in the neutral pose:
+//! **Joints without a bone** are points fixed to the nearest bone, in shares of the clip's stature
+//! (see below), forward, left and up relative to the bone in the neutral pose:
 //!
-//! | joint | from |
+//! | joint | position |
 //! | --- | --- |
-//! | spine (lumbosacral joint) | the first bone above the pelvis where it is 0.03-0.10 above the hips, else 0.07 above their midpoint |
-//! | eyes | their bones; else 0.050 before, 0.015 above and 0.018 beside the head |
+//! | spine (lumbosacral joint) | the first bone above the pelvis if it is 0.03-0.10 above the hips, else 0.07 above their midpoint |
+//! | eyes | their bones; else 0.050 in front of, 0.015 above and 0.018 to the side of the head |
 //! | head (between the ears) | 0.050 behind and 0.015 below the midpoint of the eyes; without eye bones 0.10 above the neck, in the head's axes |
-//! | nose | 0.013 before and 0.022 below the midpoint of the eyes |
-//! | ears | 0.042 beside the head |
-//! | scapula, without collar bone | 0.02 before, 0.01 below and 0.02 beside the neck, fixed to the bone that carries the neck |
-//! | hand | mean of the finger bones that hang from the wrist (not the thumb), else the wrist's end site, else 0.05 beyond the wrist |
+//! | nose | 0.013 in front of and 0.022 below the midpoint of the eyes |
+//! | ears | 0.042 to the side of the head |
+//! | scapula, without collar bone | 0.02 in front of, 0.01 below and 0.02 to the side of the neck, fixed to the bone that carries the neck |
+//! | hand | mean of the finger bones attached to the wrist (without the thumb), else the wrist's end site, else 0.05 beyond the wrist |
 //! | heel | 0.035 below and 0.032 behind the ankle |
-//! | toe (tip of the foot) | 0.035 below and 0.12 before the ankle in the neutral pose, carried by the toe bone where there is one; a toe bone's own end site where that lies 0.09-0.16 before the ankle. Without toe bones the toes bend at the ball of the foot (0.073 before the ankle) where they would be under the floor |
+//! | toe (tip of the foot) | 0.035 below and 0.12 in front of the ankle in the neutral pose, fixed to the toe bone if any; a toe bone's own end site if it is 0.09-0.16 in front of the ankle. Without toe bones the toes bend at the ball of the foot (0.073 in front of the ankle) if they would be below the floor |
 //!
-//! The four kinds of skeleton:
+//! There are four kinds of skeleton:
 //!
-//! * **iClone** (`CC_Base_*`): y up. Its zero pose is no pose of a person: every bone runs along
-//!   its own y. The axes are those of the rig: trunk and head x left, y up, z forward; the foot's
-//!   y runs along it, 15.5 degrees below the level when the foot is flat (measured over the
+//! * **iClone** (`CC_Base_*`): y up. Its zero pose is not a pose of a person: every bone runs along
+//!   its own y. The axes are those of the rig: for trunk and head x left, y up, z forward. The
+//!   foot's y runs along it, 15.5 degrees below the level when the foot is flat (measured over the
 //!   standing frames of such clips); the toes' y is level. Fingers, single toes, twist and share
 //!   bones are ignored.
 //! * **Poser** (`lButtock`, `lShldr`: the Daz form of CMU's clips): the zero pose is a T-pose. The
-//!   clips start in it and ring for a few frames, so [`Family::lead_frames`] are left out. The
-//!   abdomen bone is far above the sacrum, so the spine is placed as said above.
+//!   clips start in it and ring for a few frames, so [`Family::lead_frames`] are skipped. The
+//!   abdomen bone is far above the sacrum, so the spine is placed by the table.
 //! * **`DeepMimic`**: 15 joints, faces +x in its zero pose, arms hanging; no head, eyes or toes.
-//! * **Standard names**: anything else with the usual names whose zero pose stands upright, y or z
-//!   up.
+//! * **Standard names**: all other skeletons with the usual names whose zero pose stands upright, y
+//!   or z up.
 //!
-//! The last three share one rule: in the zero pose every bone's axes are those of the file, up is
-//! y or z, whichever the body stands along, left is from the right hip to the left one.
+//! The last three share one rule. In the zero pose every bone has the axes of the file; up is y or
+//! z, whichever the body extends along; left is from the right hip to the left one.
 //!
-//! **Stature** is the sum of the segments: with T the path of the bones from the midpoint of the
-//! hips to the neck, L thigh and shank (mean of both sides), H the way from the neck to the head
-//! bone and on to the height of the eyes, S = (L + T + H) / 0.90, as 0.035 are below the ankle and
-//! 0.065 above the eyes; without eyes S = (L + T) / 0.785, as 0.10 are from the neck to the head
-//! and 0.08 above.
+//! **Stature** is the sum of the segments. T is the path of the bones from the midpoint of the hips
+//! to the neck, L is thigh and shank (mean of both sides), and H is the path from the neck to the
+//! head bone and on to the height of the eyes. Then S = (L + T + H) / 0.90, because 0.035 are below
+//! the ankle and 0.065 above the eyes. Without eyes S = (L + T) / 0.785, because 0.10 are from the
+//! neck to the head and 0.08 above.
 
 mod names;
 mod placing;
@@ -56,7 +56,7 @@ use self::names::NamedBones;
 use self::placing::Placing;
 use super::bvh::Bvh;
 
-/// What kind of skeleton a file holds.
+/// The kind of skeleton of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Family {
     /// Reallusion iClone, `CC_Base_*`.
@@ -68,7 +68,7 @@ pub enum Family {
 }
 
 impl Family {
-    /// Frames at the start of a file that are no motion: a T-pose, and the filter's ringing from
+    /// Frames at the start of a file that are not motion: a T-pose, and the filter's ringing from
     /// it.
     pub const fn lead_frames(self) -> usize {
         match self {
@@ -83,47 +83,48 @@ impl Family {
 pub struct BonePoint {
     /// The bone that carries it.
     pub bone: usize,
-    /// Where it is in that bone's axes, file units.
+    /// Position in that bone's axes, file units.
     pub offset: Vector3<f64>,
 }
 
-/// Where the 29 joints sit on the bones of a file.
+/// The positions of the 29 joints on the bones of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoneRig {
     /// The kind of skeleton.
     pub family: Family,
     /// The clip skeleton's own stature, file units.
     pub stature_units: f64,
-    /// From the file's axes to z up.
+    /// Rotation from the file's axes to z up.
     pub z_up: UnitQuaternion<f64>,
-    /// The joints, by [`Joint`](farfield_fusion::body::skeleton::Joint); the pelvis is the midpoint of the hips, whatever stands here.
+    /// The joints, by [`Joint`](farfield_fusion::body::skeleton::Joint). The pelvis is the midpoint
+    /// of the hips; its entry is ignored.
     pub sites: [BonePoint; N_JOINTS],
-    /// The soles under the balls of the left and the right foot, where the rig has no toe bones.
+    /// The soles under the balls of the left and the right foot, if the rig has no toe bones.
     pub balls: Option<[BonePoint; 2]>,
 }
 
 /// Forward, left and up of the neutral pose, as columns in a bone's own axes.
 type Axes = Matrix3<f64>;
 
-/// The axes of each part of the body that carries points of its own.
+/// The axes of each part of the body that carries points.
 struct BodyAxes {
     body: Axes,
     foot: Axes,
     toe: Axes,
 }
 
-/// Below this a body has no length, whatever the unit.
+/// A smaller body is empty in any unit.
 const SHORTEST_UNITS: f64 = 1e-6;
 
-/// How far the foot bone of iClone dips when the foot is flat, degrees.
+/// Dip of iClone's foot bone when the foot is flat, degrees.
 const ICLONE_FOOT_DIP_DEG: f64 = 15.5;
 
 impl BoneRig {
-    /// Recognises the skeleton of `bvh`; `path` is only named in errors.
+    /// Recognises the skeleton of `bvh`; errors name `path`.
     ///
     /// # Errors
-    /// [`FileError`] naming the joints that are missing and the bones that there are, or saying
-    /// that the zero pose is not that of a person.
+    /// [`FileError`] with the missing joints and the existing bones, or for a zero pose that is not
+    /// a person's.
     pub fn recognise(bvh: &Bvh, path: &Path) -> Result<Self, FileError> {
         let named = NamedBones::find(bvh, path)?;
         let family = family(bvh);
@@ -180,7 +181,7 @@ fn iclone_axes() -> BodyAxes {
     }
 }
 
-/// The axes of a rig whose zero pose stands; none where it does not.
+/// The axes of a rig whose zero pose stands upright; `None` for other poses.
 fn zero_pose_axes(bvh: &Bvh, named: &NamedBones) -> Option<(BodyAxes, UnitQuaternion<f64>)> {
     let mut zero: Vec<Vector3<f64>> = Vec::with_capacity(bvh.bones.len());
     for bone in &bvh.bones {

@@ -5,10 +5,10 @@ use std::path::Path;
 
 use super::Clip;
 
-/// How a program writes a standing skeleton with arms hanging.
+/// How a program writes a standing skeleton with hanging arms.
 pub(super) struct Dialect {
-    /// The names of: root, neck, and of each side shoulder, elbow, wrist, hip, knee, ankle with
-    /// `S` for the side.
+    /// Names of root and neck, and for each side shoulder, elbow, wrist, hip, knee, ankle, with `S`
+    /// for the side.
     pub(super) names: [&'static str; 8],
     pub(super) sides: [&'static str; 2],
     pub(super) z_up: bool,
@@ -42,7 +42,7 @@ impl Dialect {
         }
     }
 
-    /// One frame, standing, the ankles `height` above the file's origin.
+    /// One frame of a standing person, with the ankles `height` above the file's origin.
     pub(super) fn file(&self, height: f64) -> String {
         let [root, neck, arm @ .., hip, knee, ankle] = self.names;
         let mut text = format!(

@@ -1,5 +1,5 @@
-//! What every clip of the shared data must give, whatever its skeleton. Without the data these
-//! tests say so and pass.
+//! Requirements on every clip of the shared data, for any skeleton. Without the data these tests
+//! print a notice and pass.
 
 use std::fs;
 use std::path::PathBuf;
@@ -9,18 +9,18 @@ use nalgebra::Vector3;
 
 use super::*;
 
-/// A grown person's stature, metres, so that speeds read in metres per second.
+/// An adult's stature, metres, to give speeds in metres per second.
 const STATURE_M: f64 = 1.75;
 
-/// No hand or foot of a person is faster.
+/// Fastest hand or foot of a person.
 const FASTEST_M_S: f64 = 15.0;
 
-/// Clips in which the recording itself loses a limb for some frames, and how many steps of a joint
-/// from one frame to the next are faster than [`FASTEST_M_S`] for it, at most. In
-/// `cmu_iclone_005_06` the right leg swivels between two solutions while hip and ankle stay; of
-/// the couple's first dancers, one's feet spin in a deep lunge and the other is lost whole for
-/// some frames of close contact. Such faults are left in the truth: which posture was meant,
-/// nobody knows.
+/// Clips in which the recording itself loses a limb for some frames, each with the maximum number
+/// of steps from one frame to the next in which a joint is faster than [`FASTEST_M_S`]. In
+/// `cmu_iclone_005_06` the right leg swivels between two solutions while hip and ankle stay. In the
+/// couple's first dancers, one has spinning feet in a deep lunge, and the other is lost completely
+/// for some frames of close contact. These faults stay in the truth, because the intended posture
+/// is unknown.
 const LOST_LIMBS: [(&str, usize); 3] = [
     ("cmu_iclone_005_06", 19),
     ("cmu_pair_60_01", 5),
@@ -98,7 +98,7 @@ fn share(postures: &[Posture], test: impl Fn(&Posture) -> bool) -> f64 {
 }
 
 #[test]
-fn an_overview_of_all_clips() {
+fn all_clips_load_and_are_listed() {
     println!(
         "{:23}{:>9}{:>7}{:>5}{:>9}{:>8}{:>14}{:>7}{:>7}{:>15}{:>8}{:>9}{:>9}",
         "clip",
@@ -145,14 +145,14 @@ fn an_overview_of_all_clips() {
 }
 
 #[test]
-fn left_is_left_and_the_face_is_in_front() {
+fn left_and_forward_are_correct() {
     for (name, clip) in clips() {
         let all = postures(&clip);
         let ahead = |from: Joint, to: Joint| {
             share(&all, |p| (p.at(to) - p.at(from)).dot(&pelvis(p)[0]) > 0.0)
         };
         assert!(ahead(Joint::Head, Joint::Nose) > 0.9, "{name}");
-        // Feet point ahead of who is upright; bent over, the pelvis faces the floor.
+        // The feet of an upright person point forward; bent over, the pelvis faces the floor.
         let toes_ahead = |p: &Posture| {
             let (sin, cos) = p.facing_rad().sin_cos();
             let toes = p.at(Joint::LeftToe) + p.at(Joint::RightToe);
@@ -168,7 +168,7 @@ fn left_is_left_and_the_face_is_in_front() {
             upright.is_empty() || share(&upright, toes_ahead) > 0.9,
             "{name}"
         );
-        // A pirouette winds the shoulders up, so not in every frame.
+        // A pirouette twists the shoulders, so not in every frame.
         for (left, right) in [
             (Joint::LeftShoulder, Joint::RightShoulder),
             (Joint::LeftEar, Joint::RightEar),
@@ -182,7 +182,7 @@ fn left_is_left_and_the_face_is_in_front() {
 }
 
 #[test]
-fn legs_keep_their_lengths_and_these_are_those_of_people() {
+fn legs_have_constant_plausible_lengths() {
     for (name, clip) in clips() {
         let mean = clip.mean_lengths();
         for (above, joint) in [
@@ -213,7 +213,7 @@ fn legs_keep_their_lengths_and_these_are_those_of_people() {
 }
 
 #[test]
-fn who_stands_has_the_feet_on_the_floor_and_the_hips_at_half_the_height() {
+fn a_standing_person_has_feet_on_the_floor_and_hips_at_half_height() {
     for (name, clip) in clips() {
         let mut all = postures(&clip);
         assert!(share(&all, |p| lowest(p) > -0.05) > 0.98, "{name}");
@@ -235,7 +235,7 @@ fn who_stands_has_the_feet_on_the_floor_and_the_hips_at_half_the_height() {
 }
 
 #[test]
-fn nobody_is_faster_than_people_are_but_where_the_recording_lost_a_limb() {
+fn speeds_are_plausible_except_for_lost_limbs() {
     for (name, clip) in clips() {
         let fast = speeds_m_s(&clip)
             .iter()
@@ -248,7 +248,7 @@ fn nobody_is_faster_than_people_are_but_where_the_recording_lost_a_limb() {
 }
 
 #[test]
-fn who_walks_or_runs_faces_where_it_goes() {
+fn walking_and_running_people_face_forward() {
     for (name, clip) in clips() {
         let expected_m_s = match name.as_str() {
             "cmu_iclone_002_01" | "cmu_iclone_007_01" => 0.8..2.0,
@@ -274,7 +274,10 @@ fn a_couple_stays_in_one_coordinate_frame() {
         let n = (first.duration_s() * 30.0) as usize;
         let apart = |i: usize| {
             let time_s = i as f64 / 30.0;
-            let (a, b) = (first.posture(time_s), second.posture_beside(time_s, first));
+            let (a, b) = (
+                first.posture(time_s),
+                second.posture_relative_to(time_s, first),
+            );
             let between = (a.at(Joint::Pelvis) - b.at(Joint::Pelvis)).xy().norm();
             let hands = [Joint::LeftHand, Joint::RightHand];
             let held = hands
@@ -289,7 +292,7 @@ fn a_couple_stays_in_one_coordinate_frame() {
         let holding = apart.iter().filter(|a| a.1 < 0.3).count() as f64 / n as f64;
         assert!(holding > 0.2, "{take}: hands near for {holding}");
         let heads = first.posture(1.0).at(Joint::Head).z
-            - second.posture_beside(1.0, first).at(Joint::Head).z;
+            - second.posture_relative_to(1.0, first).at(Joint::Head).z;
         assert!(heads.abs() < 0.1, "{take}: {heads}");
     }
 }

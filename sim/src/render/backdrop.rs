@@ -7,7 +7,7 @@ use super::place::Surroundings;
 use super::sensor::Sensor;
 use super::view::{CameraView, TILE};
 
-/// Brightness of the stored value 1.
+/// Stored value of brightness 1.
 const UNIT: f32 = 16384.0;
 
 /// The picture of a place without its people, in linear light.
@@ -15,12 +15,12 @@ const UNIT: f32 = 16384.0;
 pub struct Backdrop {
     pub(super) width: usize,
     pixels: Vec<[u16; 3]>,
-    /// The same as a sensor's values; empty before [`Self::expose`].
+    /// The same as sensor values; empty before [`Self::expose`].
     values: Vec<[u16; 3]>,
 }
 
 impl Backdrop {
-    /// Paints what `view` sees of `surroundings`, with `samples` rays a pixel.
+    /// Paints `surroundings` as seen by `view`, with `samples` rays per pixel.
     pub fn new(view: &CameraView, surroundings: &Surroundings, samples: usize) -> Self {
         let [width, height] = view.size_px();
         let eye = view.eye_m.cast::<f32>();
@@ -64,7 +64,7 @@ impl Backdrop {
         }
     }
 
-    /// Keeps what `sensor` makes of the picture, for many pictures with that same sensor.
+    /// Converts the picture to values of `sensor` once, for many pictures with the same sensor.
     pub fn expose(&mut self, sensor: &Sensor) {
         self.values = self
             .pixels
@@ -73,7 +73,7 @@ impl Backdrop {
             .collect();
     }
 
-    /// A sensor's values of `into.len()` pixels of a row.
+    /// Copies sensor values of `into.len()` pixels of a row.
     pub(super) fn copy_row(&self, sensor: &Sensor, x: usize, y: usize, into: &mut [[u16; 3]]) {
         let start = y * self.width + x;
         match self.values.get(start..start + into.len()) {
@@ -93,17 +93,17 @@ impl Backdrop {
     }
 }
 
-/// Where the samples of a pixel lie: spread over a little more than the pixel, as lenses blur, and
-/// around its centre.
+/// Positions of the samples of a pixel: around its centre, over slightly more than the pixel, like
+/// the blur of a lens.
 pub(super) fn shifts_px(samples: usize) -> Vec<[f32; 2]> {
     // The R2 sequence covers the square evenly for any number of samples.
     let part = |n: usize, step: f32| (step * n as f32).fract() * 1.4;
-    let found: Vec<[f32; 2]> = (0..samples.max(1))
+    let shifts: Vec<[f32; 2]> = (0..samples.max(1))
         .map(|n| [part(n, 0.754_877_7), part(n, 0.569_840_3)])
         .collect();
-    let mean = |i: usize| found.iter().map(|s| s[i]).sum::<f32>() / found.len() as f32;
+    let mean = |i: usize| shifts.iter().map(|s| s[i]).sum::<f32>() / shifts.len() as f32;
     let middle = [mean(0), mean(1)];
-    found
+    shifts
         .iter()
         .map(|s| [s[0] - middle[0], s[1] - middle[1]])
         .collect()

@@ -7,11 +7,11 @@ use crate::body::Cone;
 
 /// No hit.
 pub(super) const NOTHING: u32 = u32::MAX;
-/// Nearest depth that is drawn, metres.
+/// Smallest depth that is drawn, metres.
 const NEAR_M: f32 = 0.1;
 
-/// A cone as one view sees it. Rays are affine in (u, v), so that their direction in the cone's
-/// local coordinates costs six multiplications; the eye is the same for all of them.
+/// A cone in one view. Rays are affine in (u, v), so the direction in the cone's local coordinates
+/// costs six multiplications; the eye is the same for all rays.
 #[derive(Debug, Clone)]
 pub(super) struct Cast {
     /// Direction = `d[0]` + u `d[1]` + v `d[2]`, local.
@@ -27,11 +27,11 @@ pub(super) struct Cast {
     /// Ends in camera axes, and the larger radius, metres.
     ends_c: [Vector3<f32>; 2],
     reach_m: f32,
-    /// Pixels that may see it.
+    /// Pixels that may show it.
     pub(super) bound: PixelBox,
 }
 
-/// The nearest hits of a tile: depth along the ray (u, v, 1), and which cone.
+/// The nearest hits of a tile: depth along the ray (u, v, 1), and the index of the cone.
 pub(super) struct Hits {
     pub(super) depth: [[f32; TILE]; TILE],
     pub(super) cone: [[u32; TILE]; TILE],
@@ -47,7 +47,7 @@ impl Hits {
 }
 
 impl Cast {
-    /// `None` where the view does not see it.
+    /// `None` if the view does not show the cone.
     pub(super) fn new(cone: &Cone, view: &CameraView) -> Option<Self> {
         let ends = [cone.origin_m, cone.tip_m].map(|p| view.rotation * (p - view.eye_m));
         let bound = view.bound(&ends, &cone.reach_m)?;
@@ -79,12 +79,12 @@ impl Cast {
         })
     }
 
-    /// Whether any of the rays within `spread` of (u, v) may hit.
+    /// Whether a ray within `spread` of (u, v) may hit.
     pub(super) fn is_near(&self, [u, v]: [f32; 2], spread: f32) -> bool {
         let ray = Vector3::new(u, v, 1.0).normalize();
         let [a, b] = self.ends_c;
         let axis = b - a;
-        // The point of the axis nearest to the ray: distances are measured square to the ray.
+        // The point of the axis nearest to the ray; distances are perpendicular to the ray.
         let square = |p: Vector3<f32>| p - ray * ray.dot(&p);
         let (qa, qx) = (square(a), square(axis));
         let share = (-qa.dot(&qx) / qx.norm_squared().max(1e-9)).clamp(0.0, 1.0);
@@ -92,7 +92,7 @@ impl Cast {
         (qa + qx * share).norm_squared() < reach * reach
     }
 
-    /// Keeps what is nearer than the hits so far along one row of rays.
+    /// Updates the nearest hits along one row of rays.
     #[inline]
     pub(super) fn row(
         &self,
@@ -109,8 +109,8 @@ impl Cast {
         }
     }
 
-    /// Depths at which a row of rays enters, infinite where it does not. The same equations as
-    /// [`Cone::entry`]; without branches, so that several rays are computed at once.
+    /// Depths at which a row of rays enters; infinite for a miss. Same equations as
+    /// [`Cone::entry`], but without branches, so that several rays are computed at once.
     #[expect(
         clippy::needless_bitwise_bool,
         reason = "a lazy operator is a branch, and keeps the loop from computing lanes at once"
@@ -132,7 +132,8 @@ impl Cast {
             let dz = d0[2] + u[i] * du[2] + v[i] * dv[2];
             let dd = dx * dx + dy * dy + dz * dz;
             let per = 1.0 / dd;
-            // Near the cone first: squares of metres far away would drown its radius.
+            // Starts near the cone: squares of distant metres would lose the precision of its
+            // radius.
             let t0 = -(dx * ex + dy * ey + dz * (ez - 0.5 * length)) * per;
             let ox = ex + t0 * dx;
             let oy = ey + t0 * dy;

@@ -1,4 +1,4 @@
-//! Who and what is in a picture.
+//! The figures in a picture.
 
 use nalgebra::Vector3;
 
@@ -7,19 +7,19 @@ use super::place::{Light, times};
 use crate::body::{BodyPart, Build, Color, Cone, Volume};
 use crate::scene::Poster;
 
-/// Someone or something in the picture, at each moment of the shutter.
+/// A figure in the picture, at each moment of the shutter.
 #[derive(Debug, Clone)]
 pub enum Figure<'a> {
     /// A person.
     Person {
-        /// How the person looks.
+        /// Shape and clothes.
         build: &'a Build,
         /// The body at each moment, all made with `build`.
         moments: Vec<Volume>,
     },
-    /// A picture of a person.
+    /// A poster of a person.
     Print(&'a Print),
-    /// A thing of one colour, e.g. the ball.
+    /// An object of one colour, for example the ball.
     Thing {
         /// Reflectance.
         color: Color,
@@ -28,7 +28,7 @@ pub enum Figure<'a> {
     },
 }
 
-/// A picture of a person: the light is that of when it was taken, the shadows are those that fall on it.
+/// A poster of a person. Its light is that of the photograph; shadows are those that fall on it.
 #[derive(Debug, Clone)]
 pub struct Print {
     poster: Poster,
@@ -38,7 +38,7 @@ pub struct Print {
 }
 
 impl Print {
-    /// What `poster` shows.
+    /// The print of `poster`.
     pub fn new(poster: &Poster) -> Self {
         let build = Build::from_seed(poster.stature_m, poster.build_seed);
         Self {
@@ -49,7 +49,7 @@ impl Print {
         }
     }
 
-    /// Whether the printed side is seen from a point (world, metres).
+    /// Whether the printed side is visible from a point (world, metres).
     pub fn faces(&self, eye_m: &Vector3<f64>) -> bool {
         self.poster.is_before(eye_m)
     }
@@ -72,7 +72,7 @@ impl Figure<'_> {
         }
     }
 
-    /// Whether a cone bears marks finer than what one ray a pixel shows.
+    /// Whether a cone has details finer than one ray per pixel shows.
     pub(super) fn has_detail(&self, cone: usize) -> bool {
         match self {
             Figure::Person { moments, .. } => moments[0].cones[cone].part == BodyPart::Head,
@@ -81,8 +81,8 @@ impl Figure<'_> {
         }
     }
 
-    /// Light that comes from a point of a cone (world, metres); `sunlit` says how much of the sun
-    /// reaches a point that faces it.
+    /// Light from a point of a cone (world, metres). `sunlit` is the share of the sun that reaches
+    /// a point facing it.
     pub(super) fn shaded(
         &self,
         moment: usize,
@@ -119,7 +119,7 @@ impl Figure<'_> {
         let (p, n) = (point_m.cast::<f32>(), normal.cast::<f32>());
         let faces_sun = n.dot(&light.to_sun) > 0.0;
         let sunlit = if faces_sun { sunlit(&p) } else { 0.0 };
-        // What faces the rest of the body, or the floor from nearby, sees less of the sky.
+        // Surfaces that face the rest of the body, or the nearby floor, receive less sky light.
         let near_floor = 0.6 + 0.4 * (p.z / 0.25).clamp(0.0, 1.0);
         let open = (0.72 + 0.28 * outward) * if n.z < 0.0 { near_floor } else { 1.0 };
         times(color, light.on(&n, sunlit, open))

@@ -1,6 +1,5 @@
-//! Repeatable randomness by place: hashes and smooth noise.
+//! Repeatable randomness by position: hashes and smooth noise.
 
-/// Mixes the bits of a number.
 pub(super) fn hash(v: u64) -> u64 {
     let mut z = v.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -8,7 +7,7 @@ pub(super) fn hash(v: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// A number from 0 to 1 that belongs to a cell of a grid.
+/// A number from 0 to 1 for a cell of a grid.
 pub(super) fn cell(seed: u64, [x, y, z]: [i32; 3]) -> f32 {
     let mut h = (seed as u32) ^ ((seed >> 32) as u32).wrapping_mul(0x9e37_79b1);
     for v in [x, y, z] {
@@ -19,7 +18,7 @@ pub(super) fn cell(seed: u64, [x, y, z]: [i32; 3]) -> f32 {
     (h >> 8) as f32 / 16_777_216.0
 }
 
-/// Smooth noise from 0 to 1, with a period of about one unit.
+/// Smooth noise from 0 to 1 with a period of about one unit.
 pub(super) fn smooth(seed: u64, p: [f32; 3]) -> f32 {
     let base = p.map(|v| v.floor() as i32);
     let f: [f32; 3] = std::array::from_fn(|i| {

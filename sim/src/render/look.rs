@@ -16,7 +16,7 @@ pub(super) struct Spot<'a> {
     pub(super) along: f64,
 }
 
-/// Reflectance of a spot of a person.
+/// Reflectance of a point of a person.
 pub(super) fn color_at(spot: &Spot<'_>, volume: &Volume, build: &Build) -> Color {
     let cone = spot.cone;
     let along = cone.along[0] + (cone.along[1] - cone.along[0]) * spot.along;
@@ -60,7 +60,7 @@ fn tinted(color: Color, by: f32) -> Color {
     color.map(|v| v * by)
 }
 
-/// Cloth in folds that run around the limb.
+/// Cloth with folds around the limb.
 fn creased(spot: &Spot<'_>, build: &Build, color: Color) -> Color {
     let p = spot.cone.to_local * (spot.point_m - spot.cone.origin_m);
     let q = [
@@ -72,7 +72,7 @@ fn creased(spot: &Spot<'_>, build: &Build, color: Color) -> Color {
     tinted(color, 1.0 + 0.7 * build.creases * fold)
 }
 
-/// Shirts hang over the trousers, to a line around the hips.
+/// Whether the spot is below the hem of the shirt, which covers the top of the trousers.
 fn is_below_belt(spot: &Spot<'_>, volume: &Volume, build: &Build) -> bool {
     let (middle, axes) = &volume.pelvis_m;
     axes.column(2).dot(&(spot.point_m - middle)) < build.belt * build.stature_m
@@ -116,7 +116,7 @@ fn shirt(spot: &Spot<'_>, volume: &Volume, build: &Build) -> Color {
     creased(spot, build, color)
 }
 
-/// `wanted` where it can be read on `ground`, else black or white.
+/// `wanted` if it is readable on `ground`, else black or white.
 fn contrast(ground: Color, wanted: Color) -> Color {
     let brightness = |c: Color| c.iter().sum::<f32>() / 3.0;
     if (brightness(ground) - brightness(wanted)).abs() > 0.25 {
@@ -142,14 +142,14 @@ const DIGITS: [u16; 10] = [
     0b111_101_111_001_111,
 ];
 
-/// Whether a number is printed at a place of the chest: large on the back, small in front.
+/// Whether a number is printed at a position of the chest: large on the back, small in front.
 fn is_number(number: u8, is_back: bool, left: f64, up: f64) -> bool {
     let (cell, top) = if is_back {
         (0.024, -0.05)
     } else {
         (0.013, -0.06)
     };
-    // The reader's right is the person's left in front, and the right on the back.
+    // The viewer's right is the person's left in front, and the person's right on the back.
     let x = if is_back { -left } else { left };
     let row = (top - up) / cell;
     if !(0.0..5.0).contains(&row) {
@@ -161,7 +161,7 @@ fn is_number(number: u8, is_back: bool, left: f64, up: f64) -> bool {
         &[number]
     };
     let width = digits.len() as f64 * 4.0 - 1.0;
-    // Columns run to the reader's right.
+    // Columns run to the viewer's right.
     let column = x / cell + width / 2.0;
     if !(0.0..width).contains(&column) {
         return false;

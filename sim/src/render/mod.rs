@@ -1,8 +1,8 @@
-//! Pictures of people with volume: what a camera of a simulated venue sees.
+//! Pictures of people with volume, for the cameras of a simulated venue.
 //!
-//! [`paint()`] casts rays at the solids of [`body`](crate::body), tile by tile. What does not move,
-//! a [`Backdrop`], is painted once per camera. Everything follows from the scene, the seeds and
-//! the time: the same picture has the same bytes on any number of threads.
+//! [`paint()`] casts rays at the solids of [`body`](crate::body), tile by tile. The static part, a
+//! [`Backdrop`], is painted once per camera. A picture depends only on the scene, the seeds and the
+//! time. It has the same bytes on any number of threads.
 
 mod backdrop;
 mod cast;

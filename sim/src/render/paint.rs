@@ -14,20 +14,20 @@ use super::shade::Shade;
 use super::tiles::{ConeOwner, TileMoment, shadow_box};
 use super::view::{CameraView, PixelBox, TILE};
 
-/// Everything that one picture is painted from.
+/// The input of one picture.
 pub struct Shot<'a> {
-    /// Which rays.
+    /// The rays.
     pub view: &'a CameraView,
-    /// What stands behind the figures; of the same size as the view, and exposed with no other
+    /// The background of the figures. It has the size of the view and is exposed with no other
     /// sensor than this shot's.
     pub backdrop: &'a Backdrop,
     /// The light of the backdrop.
     pub light: &'a Light,
-    /// Who is there.
+    /// The figures.
     pub figures: &'a [Figure<'a>],
-    /// Rays a pixel where figures are; those of one pixel are spread over the moments.
+    /// Rays per pixel where figures are; the rays of one pixel are spread over the moments.
     pub samples: usize,
-    /// What makes bytes of the light.
+    /// Converts light to bytes.
     pub sensor: &'a Sensor,
     /// Seed of this picture's noise.
     pub noise_seed: u64,
@@ -54,10 +54,10 @@ pub fn paint(shot: &Shot<'_>) -> RgbImage {
 /// The light of one tile.
 type TileLight = [[[f32; 3]; TILE]; TILE];
 
-/// One sample of a tile's pixels: moment, place in the pixel, what is hit.
+/// One sample of a tile's pixels: moment, position in the pixel, hits.
 type TileSample = (usize, [f32; 2], Hits);
 
-/// A picture's parts that are the same for all tiles.
+/// The parts of a picture that all tiles share.
 struct SharedParts<'a> {
     shot: &'a Shot<'a>,
     shifts_px: Vec<[f32; 2]>,
@@ -125,7 +125,7 @@ impl<'a> SharedParts<'a> {
         }
     }
 
-    /// The light of one tile; `None` where only the backdrop is seen.
+    /// The light of one tile; `None` if only the backdrop is visible.
     fn tile(&self, left: usize, top: usize) -> Option<Box<TileLight>> {
         let near: Vec<&[u32]> = self.moments.iter().map(|m| m.near(left, top)).collect();
         let shades: Vec<&Shade> = self
@@ -157,7 +157,7 @@ impl<'a> SharedParts<'a> {
         Some(light)
     }
 
-    /// Takes the light away where the lens draws nothing.
+    /// Removes the light where the lens draws nothing.
     fn blacken(&self, left: usize, top: usize, light: &mut TileLight) {
         let [width, height] = self.shot.view.size_px();
         for (y, row) in light.iter_mut().enumerate().take(height - top) {
@@ -169,7 +169,7 @@ impl<'a> SharedParts<'a> {
         }
     }
 
-    /// Lays shadows on the floor of a tile.
+    /// Applies shadows to the floor of a tile.
     fn darken(&self, left: usize, top: usize, shades: &[&Shade], light: &mut TileLight) {
         let view = self.shot.view;
         let eye = view.eye_m.cast::<f32>();
@@ -198,7 +198,7 @@ impl<'a> SharedParts<'a> {
         }
     }
 
-    /// Casts the samples of a tile and mixes what they see over the light that is there.
+    /// Casts the samples of a tile and blends the result over the existing light.
     fn add_figures(&self, left: usize, top: usize, near: &[&[u32]], light: &mut TileLight) {
         let view = self.shot.view;
         let [width, height] = view.size_px();
@@ -228,8 +228,8 @@ impl<'a> SharedParts<'a> {
         }
     }
 
-    /// The mean of a pixel's samples. A surface is shaded once a pixel, whatever the number of
-    /// samples that meet it, except where a face needs its detail.
+    /// The mean of a pixel's samples. A surface is shaded once per pixel, for any number of samples
+    /// that hit it, except where a face needs its detail.
     fn mix(
         &self,
         samples: &[TileSample],
@@ -267,7 +267,7 @@ impl<'a> SharedParts<'a> {
         self.shot.figures[owner.figure as usize].has_detail(owner.cone as usize)
     }
 
-    /// Light that comes from a point of a figure (camera axes).
+    /// Light from a point of a figure (camera axes).
     fn shaded(&self, owner: ConeOwner, moment: usize, p_c: &Vector3<f32>) -> [f32; 3] {
         let view = self.shot.view;
         let point_m = view.eye_m + view.rotation.tr_mul(&p_c.cast::<f64>());

@@ -1,4 +1,4 @@
-//! One camera of a scene, painted at any time.
+//! Paints one camera of a scene at any time.
 
 use std::sync::Arc;
 
@@ -19,14 +19,14 @@ use crate::scene::{BALL_RADIUS_M, Scene, ViewpointMask};
 /// Reflectance of the ball.
 const BALL: [f32; 3] = [0.85, 0.55, 0.1];
 
-/// How pictures are made.
+/// Settings of rendering.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderSettings {
-    /// How long the shutter is open, seconds, around the time of a picture.
+    /// Exposure time, seconds, centred on the time of a picture.
     pub shutter_s: f64,
-    /// Positions of the people while the shutter is open, from 1.
+    /// Positions of the people during the exposure, from 1.
     pub moments: usize,
-    /// Rays a pixel where people are, from 1; spread over the moments.
+    /// Rays per pixel where people are, from 1; spread over the moments.
     pub samples: usize,
     /// Scale of the sensor's noise, 0 for none.
     pub noise: f32,
@@ -44,7 +44,7 @@ impl Default for RenderSettings {
     }
 }
 
-/// Paints what one camera of a scene sees. Mirrors are not painted.
+/// Paints the pictures of one camera of a scene. Mirrors are not painted.
 #[derive(Debug)]
 pub struct Renderer {
     scene: Arc<Scene>,
@@ -62,8 +62,8 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// The `camera`-th of the scene's cameras; its backdrop is painted here, which takes about a
-    /// second. `None` when there is no such camera.
+    /// A renderer for camera `camera` of the scene. It paints the backdrop, which takes about a
+    /// second. `None` for an unknown camera.
     pub fn new(scene: Arc<Scene>, camera: usize, settings: RenderSettings) -> Option<Self> {
         let model = scene.cameras().get(camera)?;
         let eyes: Vec<_> = scene
@@ -105,8 +105,8 @@ impl Renderer {
         self.paint(&self.view, &self.backdrop, time_s)
     }
 
-    /// What [`Self::render`] shows, resampled to a network's input without painting the rest.
-    /// `None` where the scene has lost its camera, which cannot be.
+    /// The content of [`Self::render`], resampled to a network's input without painting the rest.
+    /// `None` for an unknown camera, which is impossible after [`Self::new`].
     pub fn render_crop(&self, time_s: f64, geometry: &CropGeometry) -> Option<RgbImage> {
         let view = CameraView::of_crop(self.scene.cameras().get(self.camera)?, geometry);
         let backdrop = Backdrop::new(&view, &self.surroundings, 2);
@@ -115,7 +115,7 @@ impl Renderer {
 
     fn paint(&self, view: &CameraView, backdrop: &Backdrop, time_s: f64) -> RgbImage {
         let figures = self.figures(time_s);
-        // Microseconds tell any two ticks apart.
+        // Microseconds distinguish any two ticks.
         let moment = (time_s * 1e6).round() as i64 as u64;
         paint(&Shot {
             view,
@@ -128,8 +128,8 @@ impl Renderer {
         })
     }
 
-    /// Everybody at the moments of the shutter. Who enters or leaves meanwhile is there for all of
-    /// it or not at all.
+    /// All people at the moments of the exposure. A person who enters or leaves meanwhile is
+    /// present for all of it or none of it.
     fn figures(&self, time_s: f64) -> Vec<Figure<'_>> {
         let n = self.settings.moments.max(1);
         let times: Vec<f64> = (0..n)
@@ -179,7 +179,7 @@ mod tests {
     use crate::embedded_files::CLIPS;
     use crate::motion::Clip;
 
-    /// What the cameras of two opposite viewpoints see at 0 s and 1 s of a field with `added` in it.
+    /// The pictures of two opposite viewpoints at 0 s and 1 s, of a field with `added`.
     fn pictures(added: &str) -> [[RgbImage; 2]; 2] {
         let text = format!(
             "rate_hz = 60\nseconds = 2\nsize_m = [5, 5]\n\
@@ -205,26 +205,26 @@ mod tests {
     }
 
     #[test]
-    fn a_poster_is_painted_for_those_before_it_and_stays_as_it_is() {
-        let nobody = pictures("");
+    fn a_poster_is_visible_from_the_front_and_never_changes() {
+        let empty = pictures("");
         // It faces north-east.
         let poster = "[[poster]]\nat_m = [0, 0]\nheading_rad = 0.785\nheight_m = 1.8\n\
                       clip = \"idle.bvh\"\n";
         let [before, behind] = pictures(poster);
-        let painted = differing(&before[0], &nobody[0][0]);
+        let painted = differing(&before[0], &empty[0][0]);
         assert!(painted > 200, "{painted} pixels");
         assert_eq!(differing(&before[0], &before[1]), 0);
-        assert_eq!(differing(&behind[0], &nobody[1][0]), 0);
+        assert_eq!(differing(&behind[0], &empty[1][0]), 0);
     }
 
     #[test]
-    fn who_is_lost_is_painted_for_the_excepted_alone() {
+    fn a_lost_person_is_painted_only_for_the_exceptions() {
         let person = "[[person]]\nname = \"1\"\nclips = [\"idle.bvh\"]\nheight_m = 1.8\n\
                       [[lost]]\nperson = \"1\"\nfrom_s = 0.5\nuntil_s = 2\n\
                       except = [\"north-east\"]\n";
-        let (seen, nobody) = (pictures(person), pictures(""));
+        let (seen, empty) = (pictures(person), pictures(""));
         for (second, expected) in [[true, true], [true, false]].into_iter().enumerate() {
-            let is_painted = [0, 1].map(|v| differing(&seen[v][second], &nobody[v][second]) > 200);
+            let is_painted = [0, 1].map(|v| differing(&seen[v][second], &empty[v][second]) > 200);
             assert_eq!(is_painted, expected, "at {second} s");
         }
     }

@@ -1,4 +1,4 @@
-//! From light to bytes: exposure, the screen's curve, noise.
+//! From light to bytes: exposure, tone curve, noise.
 
 use nalgebra::Vector3;
 use rand::{RngExt as _, SeedableRng as _};
@@ -6,21 +6,21 @@ use rand_chacha::ChaCha8Rng;
 
 use super::grain;
 
-/// Steps of linear light that the curve is tabulated at, for a brightness of 1.
+/// Entries of the curve's table for a brightness of 1.
 const STEPS: usize = 4096;
-/// Draws of noise that are kept; rows begin at different ones.
+/// Number of tabulated noise draws; rows start at different ones.
 const DRAWS: usize = 1 << 16;
-/// Draws that follow the last place where a row may begin.
+/// Extra draws after the last possible start of a row.
 const ROW: usize = 8192 * 3;
-/// Units of the tabulated draws for one standard deviation.
+/// Units of the tabulated draws per standard deviation.
 const UNIT: f32 = 32.0;
 
 /// A camera's sensor.
 #[derive(Debug, Clone)]
 pub struct Sensor {
-    /// Encoded value times 256 by linear light.
+    /// Encoded value times 256, by linear light.
     curve: Vec<u16>,
-    /// Factors of red, green and blue.
+    /// Factors on red, green and blue.
     gains: Vector3<f32>,
     /// Standard deviation of the noise by encoded value, times 256 / [`UNIT`].
     sigma: [i32; 256],
@@ -28,8 +28,8 @@ pub struct Sensor {
 }
 
 impl Sensor {
-    /// A sensor with the exposure, white balance and noise that `seed` gives; `noise` scales the
-    /// noise, 0 for none.
+    /// A sensor with exposure, white balance and noise from `seed`. `noise` scales the noise, 0 for
+    /// none.
     pub fn from_seed(seed: u64, noise: f32) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x7365_6e73_6f72);
         let exposure: f32 = rng.random_range(0.75..1.25);
@@ -78,11 +78,11 @@ impl Sensor {
         })
     }
 
-    /// Writes one row of encoded values with the noise of a moment.
+    /// Writes one row of encoded values with the noise of one picture.
     pub(super) fn develop(&self, row: &[[u16; 3]], noise_seed: u64, into: &mut [u8]) {
         let start = grain::hash(noise_seed) as usize % DRAWS;
         let values = row.as_flattened();
-        // Rows longer than the draws begin anew.
+        // Rows longer than the draws restart.
         for (values, into) in values.chunks(ROW).zip(into.chunks_mut(ROW)) {
             self.develop_chunk(values, &self.draws[start..], into);
         }

@@ -1,18 +1,18 @@
-//! Which shadows bodies throw: heights along the sun's rays, and how much of the sky they hide
-//! from the floor.
+//! Shadows of bodies: heights along the sun's rays, and the share of the sky that they hide from
+//! the floor.
 
 use nalgebra::Vector3;
 
 use super::place::Light;
 use crate::body::Cone;
 
-/// Cell of the map of heights, metres.
+/// Cell of the height map, metres.
 const CELL_M: f32 = 0.025;
-/// Cell of the map of the open sky, metres.
+/// Cell of the sky map, metres.
 const SKY_CELL_M: f32 = 0.09;
-/// How far around a body the sky is looked at, metres.
+/// Radius around a body in which it hides the sky, metres.
 const SKY_REACH_M: f32 = 0.7;
-/// A surface less than this below the map's is the same surface, metres.
+/// A surface less than this below the map's surface is the same surface, metres.
 const BIAS_M: f32 = 0.05;
 
 /// A grid over the floor.
@@ -35,7 +35,7 @@ impl FloorGrid {
         }
     }
 
-    /// Weighs `value` of the four cells around a point of the floor; `None` outside.
+    /// Interpolates `value` of the four cells around a point of the floor; `None` outside.
     fn around(&self, at_m: [f32; 2], value: impl Fn(f32) -> f32) -> Option<f32> {
         let x = (at_m[0] - self.corner_m[0]) / self.cell_m - 0.5;
         let y = (at_m[1] - self.corner_m[1]) / self.cell_m - 0.5;
@@ -56,10 +56,10 @@ impl FloorGrid {
 /// The shadow of one body.
 #[derive(Debug, Clone)]
 pub(super) struct Shade {
-    /// Height of the body's sunny side, by where the sun's ray meets the floor; below the floor
-    /// where there is none.
+    /// Height of the body's sunny side, by the point where the sun's ray meets the floor; below the
+    /// floor if there is none.
     heights: FloorGrid,
-    /// Share of the sky that the floor sees.
+    /// Share of the sky that is visible from the floor.
     sky: FloorGrid,
 }
 
@@ -98,7 +98,7 @@ impl Shade {
         })
     }
 
-    /// How much of the sun reaches a point, 0 to 1.
+    /// Share of the sun that reaches a point, 0 to 1.
     pub(super) fn sunlit(&self, p: &Vector3<f32>, light: &Light) -> f32 {
         let lean = lean_of(light);
         let at = [p.x - lean[0] * p.z, p.y - lean[1] * p.z];
@@ -108,13 +108,13 @@ impl Shade {
             .unwrap_or(1.0)
     }
 
-    /// How much of the sky a point of the floor sees, 0 to 1.
+    /// Share of the sky that is visible from a point of the floor, 0 to 1.
     pub(super) fn open(&self, at_m: [f32; 2]) -> f32 {
         self.sky.around(at_m, |v| v).unwrap_or(1.0)
     }
 }
 
-/// How far a shadow moves on the floor per metre of height.
+/// Displacement of a shadow on the floor per metre of height.
 fn lean_of(light: &Light) -> [f32; 2] {
     [
         light.to_sun.x / light.to_sun.z,
@@ -156,7 +156,7 @@ fn raise(grid: &mut FloorGrid, cone: &Cone, lean: [f32; 2], light: &Light) {
     }
 }
 
-/// The floor under the balls that a body is made of, each hiding its share of the sky.
+/// The sky map of the floor under the balls of a body; each hides its share of the sky.
 fn open_sky(cones: &[Cone]) -> FloorGrid {
     let balls: Vec<([f32; 3], f32)> = cones
         .iter()
@@ -191,7 +191,7 @@ fn open_sky(cones: &[Cone]) -> FloorGrid {
                     r * r * c[2].max(0.0) / (d2 * d2.sqrt())
                 })
                 .sum();
-            // Parts hide each other too: their sum is too much.
+            // Parts also hide each other, so their sum is too large.
             let border = i.min(j).min(grid.size[0] - 1 - i).min(grid.size[1] - 1 - j);
             let fade = (border as f32 / 3.0).min(1.0);
             grid.values[j * grid.size[0] + i] = 1.0 - (0.5 * hidden).min(0.75) * fade;

@@ -1,4 +1,4 @@
-//! Where things are drawn, and that pictures can be drawn again.
+//! Objects appear at the right place, and pictures are reproducible.
 
 use farfield_edge::crop::{CropGeometry, CropShape};
 use farfield_proto::bounding_box::BoundingBox;
@@ -54,7 +54,7 @@ fn ball_at(center_m: Vector3<f64>) -> Vec<Cone> {
     vec![Cone::round(BodyPart::Thing, [center_m; 2], [0.15; 2])]
 }
 
-/// Centre of what differs between two pictures, each pixel as far as it differs; only within
+/// The centre of the difference of two pictures, weighted by the difference of each pixel, within
 /// `reach_px` of `around`, where no shadow falls.
 fn changed(a: &RgbImage, b: &RgbImage, around: Vector2<f64>, reach_px: f64) -> Vector2<f64> {
     let (mut sum, mut weight) = (Vector2::zeros(), 0.0);
@@ -71,7 +71,7 @@ fn changed(a: &RgbImage, b: &RgbImage, around: Vector2<f64>, reach_px: f64) -> V
 }
 
 #[test]
-fn a_ball_is_drawn_where_the_lens_draws_its_centre() {
+fn a_ball_is_drawn_at_its_projected_centre() {
     for distortion in [Distortion::default(), bent()] {
         let camera = camera(distortion);
         let view = CameraView::of_camera(&camera);
@@ -89,14 +89,15 @@ fn a_ball_is_drawn_where_the_lens_draws_its_centre() {
             let ideal = camera.project(Point::new(Point3::from(center))).unwrap();
             let wanted = camera.distort(ideal).unwrap().vector_px();
             let found = changed(&seen, &empty, wanted, 13.0);
-            // A ball's outline is an ellipse around a place a little beyond its centre.
+            // The outline of a ball is an ellipse whose centre is slightly beyond the ball's
+            // centre.
             assert!((found - wanted).norm() < 0.2, "{found} {wanted}");
         }
     }
 }
 
 #[test]
-fn a_crop_shows_what_the_undistorted_picture_shows() {
+fn a_crop_matches_the_undistorted_picture() {
     let camera = camera(Distortion::default());
     let center = Vector3::new(0.2, 0.4, 1.3);
     let ball = [Figure::Thing {
@@ -136,7 +137,7 @@ fn a_picture_has_the_same_bytes_on_any_number_of_threads() {
 }
 
 #[test]
-fn an_open_shutter_smears_what_moves() {
+fn an_open_shutter_blurs_motion() {
     let camera = camera(Distortion::default());
     let view = CameraView::of_camera(&camera);
     let empty = picture(&view, &[], 0.0);
@@ -158,7 +159,7 @@ fn an_open_shutter_smears_what_moves() {
 }
 
 #[test]
-fn people_beside_and_behind_the_camera_do_no_harm() {
+fn people_outside_the_view_cause_no_panic() {
     let build = Build::from_seed(1.75, 3);
     for at in [[5.0, 1.0], [5.2, 1.2], [9.0, 1.0], [4.7, 0.9]] {
         let figures = [Figure::Person {

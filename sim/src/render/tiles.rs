@@ -7,25 +7,25 @@ use super::figure::Figure;
 use super::shade::Shade;
 use super::view::{CameraView, PixelBox, TILE};
 
-/// Of which figure a cone is which.
+/// The figure of a cone, and the cone's index in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ConeOwner {
     pub(super) figure: u16,
     pub(super) cone: u16,
 }
 
-/// What a view sees at one moment, sorted into tiles.
+/// A view at one moment, sorted into tiles.
 pub(super) struct TileMoment {
     pub(super) casts: Vec<(Cast, ConeOwner)>,
     columns: usize,
-    /// Positions in `casts` per tile, row by row.
+    /// Indices in `casts` per tile, row by row.
     bins: Vec<Vec<u32>>,
 }
 
 impl TileMoment {
     pub(super) fn new(figures: &[Figure<'_>], moment: usize, view: &CameraView) -> Self {
         let [columns, rows] = view.size_px().map(|n| n.div_ceil(TILE));
-        let mut found = Self {
+        let mut tiles = Self {
             casts: Vec::new(),
             columns,
             bins: vec![Vec::new(); columns * rows],
@@ -37,11 +37,11 @@ impl TileMoment {
                     cone: c as u16,
                 };
                 if let Some(cast) = Cast::new(cone, view) {
-                    found.add(cast, owner, view);
+                    tiles.add(cast, owner, view);
                 }
             }
         }
-        found
+        tiles
     }
 
     fn add(&mut self, cast: Cast, owner: ConeOwner, view: &CameraView) {
@@ -58,13 +58,13 @@ impl TileMoment {
         self.casts.push((cast, owner));
     }
 
-    /// Positions in [`Self::casts`] of what may touch the tile of a pixel.
+    /// Indices in [`Self::casts`] of cones that may touch the tile of a pixel.
     pub(super) fn near(&self, left: usize, top: usize) -> &[u32] {
         &self.bins[top / TILE * self.columns + left / TILE]
     }
 }
 
-/// The middle ray of a tile, and how far its rays are from it.
+/// The middle ray of a tile, and the largest distance of its rays from it.
 fn tile_cone(view: &CameraView, left: usize, top: usize) -> ([f32; 2], f32) {
     let ends = [
         view.row(left, top, [-1.0; 2]),
@@ -81,14 +81,14 @@ fn tile_cone(view: &CameraView, left: usize, top: usize) -> ([f32; 2], f32) {
     (middle, spread)
 }
 
-/// The pixels that see where a shadow may fall.
+/// The pixels where a shadow may fall.
 pub(super) fn shadow_box(shade: &Shade, view: &CameraView) -> PixelBox {
     let [width, height] = view.size_px();
     let whole = PixelBox {
         x: [0, width],
         y: [0, height],
     };
-    let mut found: Option<PixelBox> = None;
+    let mut bound: Option<PixelBox> = None;
     for [x, y] in shade.corners_m() {
         let p = Vector3::new(f64::from(x), f64::from(y), 0.0);
         let p_c = view.rotation * (p - view.eye_m);
@@ -99,7 +99,7 @@ pub(super) fn shadow_box(shade: &Shade, view: &CameraView) -> PixelBox {
         let Some(at) = view.clamped(&p_c) else {
             return whole;
         };
-        found = Some(found.map_or(at, |f| f.with(&at)));
+        bound = Some(bound.map_or(at, |f| f.with(&at)));
     }
-    found.unwrap_or(whole)
+    bound.unwrap_or(whole)
 }

@@ -1,31 +1,31 @@
-//! Which ray of the world every pixel of a picture sees.
+//! The ray of the world for every pixel of a picture.
 
 use farfield_edge::crop::CropGeometry;
 use farfield_proto::camera::{CameraModel, Intrinsics};
 use farfield_proto::frames::{Pixel, Undistorted};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-/// Side of the tiles that pictures are painted in, pixels.
+/// Side of the tiles of a picture, pixels.
 pub(super) const TILE: usize = 16;
-/// Distance of the pixels whose rays are computed exactly; between them rays are interpolated, to
-/// a fiftieth of a pixel with lenses that bend by a third of the radius; of a fisheye to a tenth of a pixel where it is
-/// used.
+/// Spacing of the pixels with exact rays; rays between them are interpolated. The error is a
+/// fiftieth of a pixel for lenses that bend by a third of the radius, and a tenth of a pixel in the
+/// used part of a fisheye.
 const STEP: usize = 8;
-/// Balls nearer to the camera than this are not drawn, metres.
+/// Balls closer to the camera are not drawn, metres.
 const NEAR_M: f64 = 0.1;
 
-/// A picture to be painted: where it is seen from, and along which rays.
+/// The geometry of a picture: its eye and its rays.
 ///
 /// Rays are (u, v, 1) in camera axes (x right, y down, z forward).
 #[derive(Debug, Clone)]
 pub struct CameraView {
     pub(super) eye_m: Vector3<f64>,
-    /// Camera axes from world axes.
+    /// Rotation from world axes to camera axes.
     pub(super) rotation: Matrix3<f64>,
     pub(super) size_px: [usize; 2],
     nodes: [usize; 2],
     uv: Vec<[f32; 2]>,
-    /// Of a fisheye, per node, whether the lens model draws nothing there; empty of other lenses.
+    /// For a fisheye, per node, whether the lens model draws nothing there; empty for other lenses.
     blind: Vec<bool>,
     optics: Optics,
 }
@@ -36,7 +36,7 @@ enum Optics {
     Crop(CameraModel, CropGeometry),
 }
 
-/// Pixels that something may touch: columns from `x[0]` to `x[1]`, rows likewise, ends excluded.
+/// Pixels that an object may touch: columns from `x[0]` to `x[1]`, rows likewise, ends excluded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct PixelBox {
     pub(super) x: [usize; 2],
@@ -44,7 +44,7 @@ pub(super) struct PixelBox {
 }
 
 impl PixelBox {
-    /// The box that holds both.
+    /// The box that contains both.
     pub(super) fn with(&self, other: &Self) -> Self {
         let join = |a: [usize; 2], b: [usize; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         Self {
@@ -53,15 +53,15 @@ impl PixelBox {
         }
     }
 
-    /// Whether the tile from pixel (`left`, `top`) on is touched.
+    /// Whether the box touches the tile that starts at pixel (`left`, `top`).
     pub(super) fn meets_tile(&self, left: usize, top: usize) -> bool {
         self.x[0] < left + TILE && self.x[1] > left && self.y[0] < top + TILE && self.y[1] > top
     }
 }
 
 impl CameraView {
-    /// The whole picture of a camera, as its lens draws it: of a fisheye also what is not used, and black where it lies
-    /// more than 80 degrees off the axis.
+    /// The whole picture of a camera with its lens. For a fisheye it includes the unused part,
+    /// black where it is more than 80 degrees off the axis.
     pub fn of_camera(camera: &CameraModel) -> Self {
         let size = camera.size_px().map(|v| v as usize);
         Self::new(camera, size, Optics::Lens(camera.clone()), |x, y| {
@@ -69,8 +69,8 @@ impl CameraView {
         })
     }
 
-    /// A crop of what a camera sees, resampled to the input of a network: pixels of the crop are
-    /// those of [`CropGeometry`], without the lens.
+    /// A crop of a camera's picture, resampled to the input of a network. Its pixels are those of
+    /// [`CropGeometry`], without lens distortion.
     pub fn of_crop(camera: &CameraModel, geometry: &CropGeometry) -> Self {
         let optics = Optics::Crop(camera.clone(), *geometry);
         Self::new(camera, geometry.input_px(), optics, |x, y| {
@@ -94,8 +94,8 @@ impl CameraView {
         let mut uv = Vec::with_capacity(nodes[0] * nodes[1]);
         for y in 0..nodes[1] {
             for x in 0..nodes[0] {
-                // Only nodes beyond the picture's edge, or where a fisheye is black, may have no ray: they
-                // continue the row or the column.
+                // Only nodes beyond the picture's edge, or in the black part of a fisheye, may have
+                // no ray; they extrapolate the row or the column.
                 let before = |step: usize, room: usize| {
                     (room >= 2).then(|| {
                         let n: usize = uv.len();
@@ -103,11 +103,11 @@ impl CameraView {
                         [2.0 * a[0] - b[0], 2.0 * a[1] - b[1]]
                     })
                 };
-                let found = at(x, y);
+                let ray = at(x, y);
                 if is_fisheye {
-                    blind.push(found.is_none());
+                    blind.push(ray.is_none());
                 }
-                let node = found
+                let node = ray
                     .map(|p| [p.x as f32, p.y as f32])
                     .or_else(|| before(1, x))
                     .or_else(|| before(nodes[0], y))
@@ -132,12 +132,12 @@ impl CameraView {
         self.size_px
     }
 
-    /// Whether some pixels see nothing.
+    /// Whether some pixels are black because of the lens.
     pub(super) fn has_blind(&self) -> bool {
         self.blind.contains(&true)
     }
 
-    /// Whether a pixel sees nothing: one of the nodes around it has no ray.
+    /// Whether a pixel is black: one of the nodes around it has no ray.
     pub(super) fn is_blind(&self, x: usize, y: usize) -> bool {
         let first = y / STEP * self.nodes[0] + x / STEP;
         let below = first + self.nodes[0];
@@ -182,8 +182,8 @@ impl CameraView {
         rays
     }
 
-    /// The pixels that two balls and what lies between them may touch; `None` where they are
-    /// behind the camera or outside the picture. Centres in camera axes, metres.
+    /// The pixels that two balls and the volume between them may touch; `None` if they are behind
+    /// the camera or outside the picture. Centres in camera axes, metres.
     pub(super) fn bound(
         &self,
         centers_c: &[Vector3<f64>; 2],
@@ -212,7 +212,7 @@ impl CameraView {
             };
             let (u, v) = (range(c.x), range(c.y));
             let corners = [(u[0], v[0]), (u[1], v[0]), (u[0], v[1]), (u[1], v[1])];
-            // A fisheye bends edges far out, farthest where they pass the axis.
+            // A fisheye bends distant edges, most where they pass the axis.
             let (u_0, v_0) = (0.0f64.clamp(u[0], u[1]), 0.0f64.clamp(v[0], v[1]));
             let bent = [(u[0], v_0), (u[1], v_0), (u_0, v[0]), (u_0, v[1])];
             let bent = bent.into_iter().filter(|_| !self.blind.is_empty());
@@ -224,9 +224,9 @@ impl CameraView {
                 high = high.sup(&px);
             }
         }
-        // Edges of the box bend with the lens, and the samples of a pixel reach beyond it.
+        // Edges of the box bend with the lens, and the samples of a pixel extend beyond it.
         let clamp = |v: f64, to: usize| v.clamp(0.0, to as f64) as usize;
-        let found = PixelBox {
+        let pixels = PixelBox {
             x: [
                 clamp(low.x.floor() - 3.0, width),
                 clamp(high.x.ceil() + 4.0, width),
@@ -236,10 +236,10 @@ impl CameraView {
                 clamp(high.y.ceil() + 4.0, height),
             ],
         };
-        (found.x[0] < found.x[1] && found.y[0] < found.y[1]).then_some(found)
+        (pixels.x[0] < pixels.x[1] && pixels.y[0] < pixels.y[1]).then_some(pixels)
     }
 
-    /// The pixel that sees a point (camera axes, before the camera), moved into the picture.
+    /// The pixel of a point (camera axes, in front of the camera), clamped to the picture.
     pub(super) fn clamped(&self, p_c: &Vector3<f64>) -> Option<PixelBox> {
         let px = self.pixel_of(p_c.x / p_c.z, p_c.y / p_c.z)?;
         let at = |v: f64, size: usize| v.clamp(0.0, size as f64) as usize;
@@ -250,7 +250,7 @@ impl CameraView {
         })
     }
 
-    /// The pixel that sees along the ray (u, v, 1).
+    /// The pixel of the ray (u, v, 1).
     fn pixel_of(&self, u: f64, v: f64) -> Option<Vector2<f64>> {
         let (Optics::Lens(camera) | Optics::Crop(camera, _)) = &self.optics;
         let k = camera.intrinsics();

@@ -1,4 +1,4 @@
-//! Files as programs write them, and files that are broken.
+//! Files in the dialects of several programs, and broken files.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -15,7 +15,7 @@ fn refusal(text: &str) -> String {
 }
 
 #[test]
-fn bones_are_placed_by_their_channels_in_the_order_of_the_file() {
+fn channels_apply_in_the_order_of_the_file() {
     let bvh = Bvh::parse(SMALL, Path::new("a.bvh")).unwrap();
     assert_eq!(bvh.n_frames(), 2);
     assert_eq!(bvh.bones[1].name, "upper leg");
@@ -31,7 +31,7 @@ fn bones_are_placed_by_their_channels_in_the_order_of_the_file() {
 }
 
 #[test]
-fn positions_of_an_inner_bone_replace_its_offset_where_they_repeat_it() {
+fn repeated_offsets_of_inner_bones_are_replaced() {
     let file = |position: &str| {
         format!(
             "HIERARCHY ROOT a {{ OFFSET 0 0 0 CHANNELS 3 Xposition Yposition Zposition
@@ -76,7 +76,7 @@ fn refusals_name_file_line_found_and_expected() {
 }
 
 #[test]
-fn great_counts_of_a_file_cost_nothing() {
+fn large_counts_in_a_file_cause_no_allocation() {
     let text = SMALL.replace("Frames: 2", "Frames: 18446744073709551615");
     assert!(refusal(&text).contains("found 2 frames"));
     let text = SMALL.replace("CHANNELS 6", "CHANNELS 99999999999");
@@ -88,13 +88,13 @@ fn great_counts_of_a_file_cost_nothing() {
 
 proptest! {
     #[test]
-    fn no_bytes_make_it_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+    fn arbitrary_bytes_cause_no_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
         let text = String::from_utf8_lossy(&bytes);
         prop_assert!(Bvh::parse(&text, Path::new("a.bvh")).is_err());
     }
 
     #[test]
-    fn no_damage_to_a_file_makes_it_panic(
+    fn damaged_files_cause_no_panic(
         at in 0..SMALL.len(),
         length in 0..60_usize,
         new in "(\\PC{0,8}|[-0-9.e]{0,12}|[{}\\n]{0,3})",

@@ -1,4 +1,4 @@
-//! The names that bones go by.
+//! The names of bones.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,12 +7,12 @@ use farfield_proto::toml_file::FileError;
 
 use crate::motion::bvh::Bvh;
 
-/// The bones that the joints of the body are; pairs are left, right.
+/// The bones of the body's joints; pairs are left, right.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct NamedBones {
     /// The bone that carries both hips and the trunk.
     pub(super) pelvis: usize,
-    /// The bone after the pelvis on the way to the neck.
+    /// The bone after the pelvis on the path to the neck.
     pub(super) first_spine: usize,
     pub(super) neck: usize,
     pub(super) head: Option<usize>,
@@ -29,7 +29,7 @@ pub(super) struct NamedBones {
     pub(super) toe: Option<[usize; 2]>,
 }
 
-/// First match counts: `LeftArm` beats `LeftShoulder`, which then is the collar bone.
+/// The first match wins: with `LeftArm`, `LeftShoulder` is the collar bone.
 const SHOULDER: &[&str] = &["arm", "upperarm", "uparm", "shldr", "shoulder"];
 const COLLAR: &[&str] = &["collar", "clavicle", "scapula", "shoulder"];
 const ELBOW: &[&str] = &["elbow", "forearm", "lowerarm", "lowarm"];
@@ -109,7 +109,7 @@ impl NamedBones {
     }
 }
 
-/// Bones by plain name: lower case, letters and digits only, without a maker's prefix.
+/// Bones by plain name: lower case, letters and digits only, without a vendor's prefix.
 struct BoneIndex(BTreeMap<String, usize>);
 
 impl BoneIndex {
@@ -155,7 +155,7 @@ fn plain(name: &str) -> String {
         .collect()
 }
 
-/// A long list of names, cut where a reader has seen enough.
+/// A list of names, shortened for an error message.
 fn shortened(names: &str) -> String {
     const LONGEST: usize = 400;
     match names.char_indices().nth(LONGEST) {
@@ -172,12 +172,12 @@ fn knuckles(bvh: &Bvh, wrist: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Whether `bone` hangs from `above`, or is it.
+/// Whether `bone` is `above` or one of its descendants.
 fn is_under(bvh: &Bvh, bone: usize, above: usize) -> bool {
     ancestors(bvh, bone).any(|i| i == above)
 }
 
-/// Whether both `bones` hang from those above, each from its own.
+/// Whether each of `bones` descends from its counterpart in `above`.
 fn hang(bvh: &Bvh, bones: [usize; 2], above: [usize; 2]) -> bool {
     bones
         .into_iter()
@@ -196,7 +196,8 @@ fn check_chains(bvh: &Bvh, path: &Path, chains: &[[[usize; 2]; 2]]) -> Result<()
             let (above, below) = (above[side], below[side]);
             if above == below || !is_under(bvh, below, above) {
                 let (above, below) = (&bvh.bones[above].name, &bvh.bones[below].name);
-                let problem = format!("found `{below}` beside `{above}`, expected it below");
+                let problem =
+                    format!("found `{below}` outside the chain of `{above}`, expected it below");
                 return Err(FileError::new(path, problem));
             }
         }
@@ -204,7 +205,7 @@ fn check_chains(bvh: &Bvh, path: &Path, chains: &[[[usize; 2]; 2]]) -> Result<()
     Ok(())
 }
 
-/// The lowest bone that carries the hips and the neck, and the next one towards the neck.
+/// The lowest common ancestor of hips and neck, and the next bone towards the neck.
 fn trunk(bvh: &Bvh, hip: [usize; 2], neck: usize) -> Option<(usize, usize)> {
     let mut next = neck;
     for bone in ancestors(bvh, neck).skip(1) {

@@ -1,4 +1,4 @@
-//! Places the 29 joints on the bones that were found.
+//! Places the 29 joints on the recognised bones.
 
 use farfield_fusion::body::skeleton::{Joint, N_JOINTS};
 use nalgebra::Vector3;
@@ -10,18 +10,18 @@ use crate::motion::bvh::{Bvh, PlacedBone};
 /// Sole below ankle, in statures.
 pub(super) const SOLE: f64 = 0.035;
 
-/// Tip of the foot before the ankle, in statures.
+/// Tip of the foot in front of the ankle, in statures.
 const TOE_AHEAD: f64 = 0.12;
 
-/// Ball of the foot before the ankle, in statures.
+/// Ball of the foot in front of the ankle, in statures.
 const BALL_AHEAD: f64 = 0.073;
 
-/// What the sites are placed by.
+/// The input of the placement.
 pub(super) struct Placing<'a> {
     bvh: &'a Bvh,
     named: &'a NamedBones,
     axes: BodyAxes,
-    /// The first frame: bones without motion of their own between two others stand in it as always.
+    /// The first frame. Bones without motion of their own have their constant pose in it.
     placed: Vec<PlacedBone>,
     pub(super) stature: f64,
 }
@@ -56,7 +56,7 @@ impl<'a> Placing<'a> {
         (self.origin(self.named.hip[0]) + self.origin(self.named.hip[1])) / 2.0
     }
 
-    /// The midpoint of the eyes in the axes of the head bone, where there are both.
+    /// The midpoint of the eyes in the axes of the head bone, if there are both.
     fn mid_eyes(&self) -> Option<Vector3<f64>> {
         let head = self.named.head?;
         let [left, right] = self.named.eye?;
@@ -183,9 +183,9 @@ impl<'a> Placing<'a> {
                     offset: ear_at,
                 },
             );
-            let beside = eyes + self.shares(axes, 0.0, left * 0.018, 0.0);
+            let default_m = eyes + self.shares(axes, 0.0, left * 0.018, 0.0);
             let eye_at = self.named.eye.zip(self.named.head);
-            let offset = eye_at.map_or(beside, |(eyes, head)| self.inside(eyes[side], head));
+            let offset = eye_at.map_or(default_m, |(eyes, head)| self.inside(eyes[side], head));
             set(eye, BonePoint { bone, offset });
         }
     }
@@ -254,8 +254,8 @@ impl<'a> Placing<'a> {
         }
     }
 
-    /// The point of the sole that is `far` before the ankle towards `along` (in the foot bone's
-    /// axes), from the ankle, forward, left and up in statures.
+    /// The point of the sole that is `far` in front of the ankle towards `along` (in the foot
+    /// bone's axes), relative to the ankle: forward, left and up in statures.
     fn ahead(&self, along: Option<Vector3<f64>>, far: f64) -> Vector3<f64> {
         let along = along.map_or(Vector3::x(), |along| self.axes.foot.transpose() * along);
         let level = Vector3::new(along.x, along.y, 0.0);

@@ -14,7 +14,7 @@ fn refusal(text: &str) -> String {
 }
 
 #[test]
-fn names_axes_units_and_origins_make_no_difference() {
+fn all_dialects_give_the_same_body() {
     let usual = USUAL.clip(0.08).posture(0.0);
     assert!(
         (usual.at(Joint::Pelvis).z - 0.86 / USUAL.clip(0.0).stature_units() - SOLE).abs() < 1e-9
@@ -54,7 +54,7 @@ fn names_axes_units_and_origins_make_no_difference() {
     for other in &others {
         for height in [-5.0, 0.0, 0.08] {
             let posture = other.clip(height).posture(0.0);
-            // Headings differ by how a file's axes are turned up; the body must not.
+            // Headings differ with the conversion to z up; the body must not.
             let turn = usual.facing_rad() - posture.facing_rad();
             let shift = |p: &crate::motion::Posture| {
                 let pelvis = p.at(Joint::Pelvis);
@@ -96,7 +96,7 @@ fn a_shoulder_bone_above_an_arm_bone_is_the_collar() {
 }
 
 #[test]
-fn missing_joints_are_named_beside_the_bones_that_there_are() {
+fn missing_joints_are_refused_with_the_existing_bones() {
     let text = USUAL.file(0.0).replace("_knee", "_joint");
     let message = refusal(&text);
     assert!(
@@ -117,12 +117,12 @@ fn a_leg_in_the_wrong_order_is_refused() {
         .replace("JOINT x", "JOINT left_ankle");
     assert_eq!(
         refusal(&text),
-        "a.bvh: found `left_ankle` beside `left_knee`, expected it below"
+        "a.bvh: found `left_ankle` outside the chain of `left_knee`, expected it below"
     );
 }
 
 #[test]
-fn a_zero_pose_that_does_not_stand_is_refused() {
+fn a_zero_pose_that_is_not_upright_is_refused() {
     let lying = USUAL.file(0.0).replace("0 -0.43 0", "0 0 0.43");
     assert!(refusal(&lying).contains("expected one that stands upright"));
     let flat = USUAL.file(0.0).replace("0.09 0 0", "0 0 0");
@@ -130,7 +130,7 @@ fn a_zero_pose_that_does_not_stand_is_refused() {
 }
 
 #[test]
-fn hands_and_faces_without_bones_are_where_people_have_them() {
+fn hands_and_faces_without_bones_have_typical_positions() {
     let posture = USUAL.clip(0.0).posture(0.0);
     let up = |joint: Joint| posture.at(joint).z;
     assert!((0.90..0.95).contains(&up(Joint::Head)));

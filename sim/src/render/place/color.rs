@@ -1,9 +1,9 @@
-//! Colours of things, drawn.
+//! Random colours of objects.
 
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-/// A paint: greys and pale colours are more likely than strong ones.
+/// A random paint: greys and pale colours are more likely than strong ones.
 pub(super) fn color(rng: &mut ChaCha8Rng) -> [f32; 3] {
     let value: f32 = rng.random_range(0.08..0.8_f32).powi(2) + 0.03;
     let strength: f32 = rng.random_range(0.0..1.0_f32).powi(2) * 0.8;

@@ -1,4 +1,4 @@
-//! The floor: what it is made of, and the lines of the field.
+//! The floor: its material and the lines of the field.
 
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
@@ -6,10 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use super::color::color;
 use crate::render::grain;
 
-/// Past this distance fine texture is finer than a pixel and only its mean is drawn, metres.
+/// Beyond this distance fine texture is smaller than a pixel and only its mean is drawn, metres.
 const FINE_M: f32 = 12.0;
 
-/// What a floor is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Material {
     Grass,
@@ -18,7 +17,6 @@ enum Material {
     Plain,
 }
 
-/// The floor of a venue.
 #[derive(Debug, Clone)]
 pub(super) struct Floor {
     half_m: [f32; 2],
@@ -27,7 +25,7 @@ pub(super) struct Floor {
     around: [f32; 3],
     line: [f32; 3],
     line_m: f32,
-    /// Lines of other games: across which axis, where, colour.
+    /// Lines of other games: axis, position, colour.
     others: Vec<(usize, f32, [f32; 3])>,
     seed: u64,
 }
@@ -80,7 +78,7 @@ impl Floor {
         }
     }
 
-    /// Reflectance of a point, seen from `distance_m`.
+    /// Reflectance of a point at `distance_m` from the eye.
     pub(super) fn color_at(&self, p: [f32; 2], distance_m: f32) -> [f32; 3] {
         let inside = p[0].abs() < self.half_m[0] && p[1].abs() < self.half_m[1];
         let base = if inside { self.field } else { self.around };
@@ -113,16 +111,16 @@ impl Floor {
                     + 0.12 * fine * (grain::smooth2(self.seed, [p[0] * 40.0, p[1] * 40.0]) - 0.5)
             }
         };
-        let mut found = base.map(|v| v * (1.0 + texture));
+        let mut color = base.map(|v| v * (1.0 + texture));
         for &(axis, at, paint) in &self.others {
             if (p[axis] - at).abs() < 0.025 {
-                found = paint;
+                color = paint;
             }
         }
-        if self.is_line(p) { self.line } else { found }
+        if self.is_line(p) { self.line } else { color }
     }
 
-    /// Boundary, halfway line, circle and the areas before the goals.
+    /// Boundary, halfway line, circle and goal areas.
     fn is_line(&self, p: [f32; 2]) -> bool {
         let [hx, hy] = self.half_m;
         let on = |d: f32| d.abs() < self.line_m / 2.0;

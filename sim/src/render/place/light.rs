@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-/// One far lamp or the sun, the sky or ceiling above, and what the floor throws back.
+/// One distant lamp or the sun, the sky or ceiling above, and the reflection of the floor.
 ///
-/// Powers are linear red, green, blue; a white wall that faces a power of 1 looks 1 bright.
+/// Powers are linear red, green, blue. A white wall that faces a power of 1 has brightness 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Light {
     /// Unit vector to the sun, world axes; its z is above 0.4.
@@ -33,7 +33,7 @@ impl Light {
             elevation.sin(),
         );
         let indoors = rng.random_bool(0.55);
-        // The share of the direct light: hard sun, thin clouds, many lamps.
+        // Share of the direct light: hard sun, thin clouds, many lamps.
         let direct: f32 = if indoors {
             rng.random_range(0.15..0.5)
         } else {
@@ -56,8 +56,8 @@ impl Light {
         }
     }
 
-    /// Light that falls on a surface: `normal` is a unit vector, `sunlit` and `open` say how much
-    /// of the sun and of the rest reaches it, 0 to 1.
+    /// Light on a surface. `normal` is a unit vector; `sunlit` and `open` are the shares of the sun
+    /// and of the remaining light that reach it, 0 to 1.
     pub(in crate::render) fn on(&self, normal: &Vector3<f32>, sunlit: f32, open: f32) -> [f32; 3] {
         let direct = normal.dot(&self.to_sun).max(0.0) * sunlit;
         let above = (0.5 + 0.5 * normal.z) * open;

@@ -1,4 +1,4 @@
-//! What stands around the people: floor, field, walls, stands, sky and clutter, drawn from a seed.
+//! The surroundings of the people: floor, field, walls, stands, sky and clutter, drawn from a seed.
 
 mod color;
 mod floor;
@@ -14,7 +14,7 @@ use self::floor::Floor;
 pub use self::light::Light;
 use super::grain;
 
-/// Clutter nearer than this to a camera would fill its picture, metres.
+/// Clutter closer to a camera would fill its picture, metres.
 const CLEAR_M: f32 = 2.0;
 
 /// The place without its people.
@@ -22,7 +22,7 @@ const CLEAR_M: f32 = 2.0;
 pub struct Surroundings {
     pub(super) light: Light,
     floor: Floor,
-    /// Half the room, x and y, and its height, metres.
+    /// Half sizes of the room, x and y, and its height, metres.
     room_m: [f32; 3],
     wall: Wall,
     blocks: Vec<Block>,
@@ -50,8 +50,8 @@ struct Block {
 }
 
 impl Surroundings {
-    /// A field of `size_m` (x by y, around the origin); `eyes_m` are the cameras that must stand
-    /// inside the walls, world metres.
+    /// A field of `size_m` (x by y, around the origin); the cameras at `eyes_m` must be inside the
+    /// walls, world metres.
     pub fn new(size_m: [f64; 2], eyes_m: &[Vector3<f64>], seed: u64) -> Self {
         let light = Light::from_seed(seed);
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0070_6c61_6365);
@@ -87,7 +87,7 @@ impl Surroundings {
         &self.light
     }
 
-    /// The blocks that a camera sees behind its people: those between would be painted over them.
+    /// The blocks that a camera sees behind its people; blocks in front would be painted over them.
     pub(super) fn seen_from(&self, eye_m: &Vector3<f32>) -> Self {
         let field = eye_m.xy().norm();
         let is_behind = |b: &&Block| {
@@ -145,7 +145,7 @@ impl Surroundings {
         self.wall_color(&p, &wall_normal)
     }
 
-    /// The wall that a ray meets, and its normal.
+    /// The wall that a ray hits, and its normal.
     fn wall_ahead(&self, eye: &Vector3<f32>, ray: &Vector3<f32>) -> (f32, Vector3<f32>) {
         let ahead = |i: usize| {
             let side = self.room_m[i].copysign(ray[i]);
@@ -172,7 +172,7 @@ impl Surroundings {
             .on(normal, 0.7, 0.65 + 0.35 * (p.z / 0.5).min(1.0));
         let seed = self.seed ^ u64::from(side.to_bits());
         if wall.stands && p.z > 1.0 {
-            // Seats, many of them taken.
+            // Seats, many of them occupied.
             let row = (p.z / 0.42).floor();
             let place = (along / 0.5 + 0.5 * row).floor();
             let id = [row as i32, place as i32, 1];
