@@ -39,7 +39,7 @@ use std::sync::Arc;
 
 use clap::CommandFactory as _;
 use farfield_edge::network::answer_trial;
-use farfield_node::process::{Ending, NodeError, Told, exit_code, exit_code_told};
+use farfield_node::process::{Ending, ErrorFormat, NodeError, exit_code, exit_code_with_format};
 use farfield_sim::simulated::VenueSources;
 
 use crate::cli::{FarfieldCli, FarfieldCommand};
@@ -62,7 +62,7 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Fusion(args) => listeners::fusion(args),
         FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
         FarfieldCommand::Status(args) => {
-            exit_code_told(status::status(&args), Told::as_json_if(args.json))
+            exit_code_with_format(status::status(&args), ErrorFormat::as_json_if(args.json))
         }
         FarfieldCommand::Replay(args) => listeners::replay(args),
         FarfieldCommand::View(args) => listeners::view::main(&args),
@@ -70,9 +70,9 @@ pub fn main() -> ExitCode {
         FarfieldCommand::Demo(args) => demo::main(&args),
         FarfieldCommand::Doctor(args) => doctor::main(&args),
         FarfieldCommand::Init(args) => init::main(&args),
-        FarfieldCommand::Import(args) => exit_code_told(
+        FarfieldCommand::Import(args) => exit_code_with_format(
             done(exchange::import::import_folder(&args)),
-            Told::as_json_if(args.json),
+            ErrorFormat::as_json_if(args.json),
         ),
         FarfieldCommand::Simulate(args) => simulate::main(args),
         FarfieldCommand::Calibrate(args) => calibrate::main(&args),
@@ -81,23 +81,26 @@ pub fn main() -> ExitCode {
             exit_code(done(manual::completions(&args, FarfieldCli::command())))
         }
         FarfieldCommand::Man(args) => exit_code(done(manual::man(&args, FarfieldCli::command()))),
-        FarfieldCommand::Bench(args) => {
-            exit_code_told(done(bench::bench(&args)), Told::as_json_if(args.is_json()))
-        }
-        FarfieldCommand::Parameters(args) => {
-            exit_code_told(done(parameters::print(&args)), Told::as_json_if(args.json))
-        }
-        FarfieldCommand::Export(args) => exit_code_told(
+        FarfieldCommand::Bench(args) => exit_code_with_format(
+            done(bench::bench(&args)),
+            ErrorFormat::as_json_if(args.is_json()),
+        ),
+        FarfieldCommand::Parameters(args) => exit_code_with_format(
+            done(parameters::print(&args)),
+            ErrorFormat::as_json_if(args.json),
+        ),
+        FarfieldCommand::Export(args) => exit_code_with_format(
             done(exchange::export::export_run(&args)),
-            Told::as_json_if(args.json),
+            ErrorFormat::as_json_if(args.json),
         ),
-        FarfieldCommand::People(args) => exit_code_told(
+        FarfieldCommand::People(args) => exit_code_with_format(
             done(exchange::people::people(&args)),
-            Told::as_json_if(args.json),
+            ErrorFormat::as_json_if(args.json),
         ),
-        FarfieldCommand::Evaluate(args) => {
-            exit_code_told(done(evaluate::evaluate(&args)), Told::as_json_if(args.json))
-        }
+        FarfieldCommand::Evaluate(args) => exit_code_with_format(
+            done(evaluate::evaluate(&args)),
+            ErrorFormat::as_json_if(args.json),
+        ),
     }
 }
 

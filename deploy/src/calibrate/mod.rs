@@ -28,7 +28,7 @@ use anyhow::{Context as _, anyhow};
 use clap::{Arg, Args, Subcommand};
 use farfield_calibration::formats::TextFile;
 use farfield_fusion::export::unfinished::write_whole_again;
-use farfield_node::process::{EXIT_FAILED, NodeError, Told, exit_code_told};
+use farfield_node::process::{EXIT_FAILED, ErrorFormat, NodeError, exit_code_with_format};
 use farfield_proto::calibration::text_of;
 
 /// Largest text file to read, bytes.
@@ -128,7 +128,7 @@ pub(crate) fn main(args: &CalibrateArgs) -> ExitCode {
     match made {
         Ok(Judged::Passes) => ExitCode::SUCCESS,
         Ok(Judged::Fails) => ExitCode::from(EXIT_FAILED),
-        Err(error) => exit_code_told(Err(error), Told::as_json_if(args.is_json())),
+        Err(error) => exit_code_with_format(Err(error), ErrorFormat::as_json_if(args.is_json())),
     }
 }
 

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 use clap::Args;
 use farfield_fusion::node::{check_names, load_subjects};
 use farfield_node::log::start_log;
-use farfield_node::process::{NodeError, Told, exit_code_told};
+use farfield_node::process::{ErrorFormat, NodeError, exit_code_with_format};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::plausibility::{self, Cause, Finding};
 use farfield_proto::printed::fixed;
@@ -54,7 +54,9 @@ pub(crate) fn main(args: &CheckArgs) -> ExitCode {
             .print(ReportForm::from_flag(args.json))
             .map_err(NodeError::Failed)
     });
-    printed.unwrap_or_else(|error| exit_code_told(Err(error), Told::as_json_if(args.json)))
+    printed.unwrap_or_else(|error| {
+        exit_code_with_format(Err(error), ErrorFormat::as_json_if(args.json))
+    })
 }
 
 /// Checks everything of a venue.

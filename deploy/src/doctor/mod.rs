@@ -21,7 +21,7 @@ use anyhow::anyhow;
 use clap::Args;
 use farfield_node::files::load_venue;
 use farfield_node::log::start_log;
-use farfield_node::process::{NodeError, Told, exit_code_told};
+use farfield_node::process::{ErrorFormat, NodeError, exit_code_with_format};
 use farfield_node::{clock as node_clock, system_clock};
 use farfield_proto::transport::Exposure;
 use farfield_proto::transport::endpoint::is_endpoint;
@@ -61,7 +61,9 @@ pub(crate) fn main(args: &DoctorArgs) -> ExitCode {
             .print(ReportForm::from_flag(args.json))
             .map_err(NodeError::Failed)
     });
-    printed.unwrap_or_else(|error| exit_code_told(Err(error), Told::as_json_if(args.json)))
+    printed.unwrap_or_else(|error| {
+        exit_code_with_format(Err(error), ErrorFormat::as_json_if(args.json))
+    })
 }
 
 fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
-use farfield_node::files::in_place_of_folder;
+use farfield_node::files::obstacle_of_folder;
 
 /// Refuses a `folder`, given by `option`, if it or one of its parents is a file.
 ///
 /// # Errors
 /// Names the option and the file.
 pub(crate) fn check_folder(option: &str, folder: &Path) -> anyhow::Result<()> {
-    if let Some(file) = in_place_of_folder(folder) {
+    if let Some(file) = obstacle_of_folder(folder) {
         bail!(
             "{option} {}: {} is a file, expected a folder",
             folder.display(),

@@ -18,7 +18,7 @@ use clap::Args;
 use farfield_calibration::formats::Format;
 use farfield_import::calibrations::{self, Choice, FoundCalibration};
 use farfield_node::log::start_log;
-use farfield_node::process::{NodeError, Told, exit_code_told, say};
+use farfield_node::process::{ErrorFormat, NodeError, exit_code_with_format, say};
 use farfield_proto::calibration::{Calibration, text_of};
 use farfield_proto::model_card::{DetectorCard, HeatmapCard};
 use farfield_proto::toml_file::unread;
@@ -88,7 +88,9 @@ pub(crate) struct InitArgs {
 /// Writes a venue file, checks it, and prints the next command.
 pub(crate) fn main(args: &InitArgs) -> ExitCode {
     start_log();
-    init(args).unwrap_or_else(|error| exit_code_told(Err(error), Told::as_json_if(args.json)))
+    init(args).unwrap_or_else(|error| {
+        exit_code_with_format(Err(error), ErrorFormat::as_json_if(args.json))
+    })
 }
 
 fn init(args: &InitArgs) -> Result<ExitCode, NodeError> {

@@ -17,7 +17,7 @@ use std::process::ExitCode;
 
 use farfield_fusion::node::FolderClaim;
 use farfield_node::log::start_log;
-use farfield_node::process::{Ending, NodeError, Told, exit_code_told, say};
+use farfield_node::process::{Ending, ErrorFormat, NodeError, exit_code_with_format, say};
 
 pub(crate) use self::args::RunArgs;
 pub(crate) use self::check::{RunPlan, check};
@@ -32,8 +32,8 @@ use crate::overlay::{draw_poses, overlay};
 /// Runs a venue to its end and prints the results.
 pub(crate) fn main(args: RunArgs) -> ExitCode {
     start_log();
-    let told = Told::as_json_if(args.json);
-    exit_code_told(run(args), told)
+    let told = ErrorFormat::as_json_if(args.json);
+    exit_code_with_format(run(args), told)
 }
 
 fn run(args: RunArgs) -> Result<Ending, NodeError> {

@@ -10,9 +10,9 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use clap::Args;
-use farfield_node::endpoints::{Asked, LinkEnd, Reach};
+use farfield_node::endpoints::{LinkEnd, LinkRequest, Reach};
 use farfield_node::files::load_venue;
-use farfield_node::process::{Ending, Managed, NodeError, stop_when_told};
+use farfield_node::process::{Ending, Managed, NodeError, stop_on_signal};
 use farfield_node::{clock, log, runtime, session};
 use farfield_proto::transport::{EdgeTransport, RECORDER};
 use farfield_proto::venue::Venue;
@@ -67,7 +67,7 @@ pub(crate) struct StatusArgs {
 pub(crate) fn status(args: &StatusArgs) -> Result<Ending, NodeError> {
     log::start_log();
     let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
-    let options = Asked {
+    let options = LinkRequest {
         side: LinkEnd::Connect,
         node: &args.node,
         endpoints: &args.connect,
@@ -80,7 +80,7 @@ pub(crate) fn status(args: &StatusArgs) -> Result<Ending, NodeError> {
 
 async fn show(args: &StatusArgs, venue: &Venue, reach: &Reach) -> Result<Ending, NodeError> {
     let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
-    stop_when_told(&tasks, &stop, Managed::No)
+    stop_on_signal(&tasks, &stop, Managed::No)
         .context("catching signals")
         .map_err(NodeError::Failed)?;
     let shown = stop
@@ -171,7 +171,7 @@ pub(crate) fn join_for_a_moment(
     connect: &[String],
     answer: Duration,
 ) -> Result<Option<Vec<NodeInShort>>, NodeError> {
-    let options = Asked {
+    let options = LinkRequest {
         side: LinkEnd::Connect,
         node: RECORDER,
         endpoints: connect,

@@ -8,7 +8,7 @@ use anyhow::anyhow;
 #[cfg(feature = "study")]
 use farfield_node::clock::ClockFault;
 use farfield_node::clock::VenueClock;
-use farfield_node::endpoints::{Asked, LinkEnd, Reach};
+use farfield_node::endpoints::{LinkEnd, LinkRequest, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::id::ViewpointIndex;
@@ -169,7 +169,7 @@ impl EdgeConfig {
                 known.join(", ")
             ))
         })?;
-        let asked = Asked {
+        let asked = LinkRequest {
             side: LinkEnd::Connect,
             node: &args.viewpoint,
             endpoints: &args.connect,

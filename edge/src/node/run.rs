@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::log::start_log_with;
-use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_on_signal};
 use farfield_node::runtime;
 use farfield_proto::message::Status;
 use tokio::task::JoinHandle;
@@ -56,7 +56,7 @@ pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {
         CancellationToken::new(),
         CancellationToken::new(),
     );
-    stop_when_told(&tasks, &stop, config.managed)
+    stop_on_signal(&tasks, &stop, config.managed)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
     let to_build = Arc::clone(config);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::anyhow;
 use farfield_node::clock::unix_time;
-use farfield_node::endpoints::{Asked, LinkEnd, Reach};
+use farfield_node::endpoints::{LinkEnd, LinkRequest, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{Managed, NodeError, say};
 use farfield_proto::model_card::{EXPECTED_CARD, HeatmapCard};
@@ -199,7 +199,7 @@ fn reach(args: &FusionArgs, venue: &Venue) -> Result<(Reach, Option<Reach>), Nod
         .chain(&args.listen_else)
         .cloned()
         .collect();
-    let request = Asked {
+    let request = LinkRequest {
         side: LinkEnd::Listen,
         node: FUSION,
         endpoints: &all,

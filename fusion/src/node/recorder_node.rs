@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock::VenueClock;
-use farfield_node::endpoints::{Asked, LinkEnd, Reach};
+use farfield_node::endpoints::{LinkEnd, LinkRequest, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::log::start_log_with;
-use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_on_signal};
 use farfield_node::runtime;
 use farfield_node::session::{self, zenoh_error};
 use farfield_proto::id::SessionId;
@@ -81,7 +81,7 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
     let venue = load_venue(&args.venue).map_err(NodeError::refused)?;
     check_names(&venue).map_err(NodeError::Refused)?;
     check_place(&args.out).map_err(NodeError::Refused)?;
-    let request = Asked {
+    let request = LinkRequest {
         side: LinkEnd::Connect,
         node: RECORDER,
         endpoints: &args.connect,
@@ -108,7 +108,7 @@ struct Recorded {
 async fn record(args: RecordArgs, recorded: &Recorded, reach: &Reach) -> Result<Ending, NodeError> {
     let venue = &recorded.venue;
     let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
-    stop_when_told(&tasks, &stop, Managed::No)
+    stop_on_signal(&tasks, &stop, Managed::No)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
     let transport = EdgeTransport {

@@ -9,7 +9,7 @@ use std::time::Duration;
 use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::log::start_log_with;
-use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_when_told};
+use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_on_signal};
 use farfield_node::{runtime, service_manager, session};
 use farfield_proto::id::SessionId;
 use farfield_proto::transport::FUSION;
@@ -87,7 +87,7 @@ async fn run(
     // `stop` ends the run; `leave` ends the tasks that carry messages, after the last message.
     let tasks = TaskTracker::new();
     let (stop, leave) = (CancellationToken::new(), CancellationToken::new());
-    stop_when_told(&tasks, &stop, config.managed)
+    stop_on_signal(&tasks, &stop, config.managed)
         .context("listening for signals")
         .map_err(NodeError::Failed)?;
     let others = watch_for_other_fusion(config, &tasks, &leave).await;

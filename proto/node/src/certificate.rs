@@ -1,4 +1,4 @@
-//! Until when a node's certificate holds: links are closed when it ends, so that is said in time.
+//! The validity of a node's certificate. Links close when it ends, so the node warns in time.
 
 use std::net::{Ipv4Addr, Ipv6Addr};
 use std::path::Path;
@@ -12,11 +12,11 @@ use x509_parser::pem::parse_x509_pem;
 
 use crate::process::{NodeError, say};
 
-/// From so many days before its end on it is said that a certificate ends.
-const TOLD_DAYS: i64 = 30;
+/// A node warns from this many days before the end of its certificate.
+const WARNING_DAYS: i64 = 30;
 const DAY_S: i64 = 86_400;
 
-/// From when and until when a certificate holds, Unix time in seconds.
+/// The validity period of a certificate, Unix time in seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Validity {
     /// The first second.
@@ -26,20 +26,20 @@ pub struct Validity {
 }
 
 impl Validity {
-    /// That of the certificate in the PEM file at `path`.
+    /// The validity of the certificate in the PEM file at `path`.
     ///
     /// # Errors
-    /// When the file cannot be read, or holds no certificate: names it.
+    /// [`FileError`] when the file cannot be read or contains no certificate.
     pub fn read(path: &Path) -> Result<Self, FileError> {
         CertificateFile::read(path).map(|certificate| certificate.validity)
     }
 }
 
-/// What a node's certificate says.
+/// The used fields of a node's certificate.
 #[derive(Debug)]
 struct CertificateFile {
     validity: Validity,
-    /// Whose it is; empty where it does not say.
+    /// Common name; empty if the certificate has none.
     common_name: String,
     public_key: Vec<u8>,
     /// Names and addresses.
@@ -70,7 +70,7 @@ impl CertificateFile {
         })
     }
 
-    /// As [`check_generation`], with what the file says.
+    /// As [`check_generation`], with this file.
     fn check_generation(&self, identity: &Identity) -> Result<(), FileError> {
         let Some((node, generation)) = generation_of(&self.common_name) else {
             return Ok(());
@@ -82,14 +82,14 @@ impl CertificateFile {
         Err(FileError::new(
             &identity.certificate,
             format!(
-                "found the certificate `{}`, of generation {generation}, and {GENERATIONS_FILE} beside it says that {newest} is the newest of {node}: others refuse an older one; copy {node}.pem and {node}.key of that generation here",
+                "found the certificate `{}`, of generation {generation}, and {GENERATIONS_FILE} in the same folder says that {newest} is the newest of {node}: other nodes refuse an older one; copy {node}.pem and {node}.key of that generation here",
                 self.common_name
             ),
         ))
     }
 }
 
-/// The alternative names of a certificate; those of other kinds than hosts are left out.
+/// The host names and addresses among a certificate's alternative names.
 fn hosts_of(certificate: &X509Certificate<'_>) -> Vec<String> {
     let names = certificate.subject_alternative_name().ok().flatten();
     let names = names.iter().flat_map(|names| &names.value.general_names);
@@ -106,31 +106,32 @@ fn hosts_of(certificate: &X509Certificate<'_>) -> Vec<String> {
     names.filter_map(host).collect()
 }
 
-/// The common name in the certificate at `path`; empty where it has none.
+/// The common name in the certificate at `path`; empty if it has none.
 ///
 /// # Errors
-/// When the file cannot be read, or holds no certificate: names it.
+/// [`FileError`] when the file cannot be read or contains no certificate.
 pub fn common_name_in(path: &Path) -> Result<String, FileError> {
     CertificateFile::read(path).map(|certificate| certificate.common_name)
 }
 
-/// The public key in the certificate at `path`, as the certificate has it.
+/// The public key in the certificate at `path`, in the encoding of the certificate.
 ///
 /// # Errors
-/// When the file cannot be read, or holds no certificate: names it.
+/// [`FileError`] when the file cannot be read or contains no certificate.
 pub fn public_key_in(path: &Path) -> Result<Vec<u8>, FileError> {
     CertificateFile::read(path).map(|certificate| certificate.public_key)
 }
 
-/// The names and addresses that the certificate at `path` is good for.
+/// The names and addresses for which the certificate at `path` is valid.
 ///
 /// # Errors
-/// When the file cannot be read, or holds no certificate: names it.
+/// [`FileError`] when the file cannot be read or contains no certificate.
 pub fn hosts_in(path: &Path) -> Result<Vec<String>, FileError> {
     CertificateFile::read(path).map(|certificate| certificate.hosts)
 }
 
-/// Refuses a certificate that is older than the newest that `identity` knows of its node: others refuse it.
+/// Refuses a certificate that is older than the newest generation known to `identity`: other nodes
+/// refuse it.
 ///
 /// # Errors
 /// [`FileError`] with both generations, or when the certificate cannot be read.
@@ -138,10 +139,11 @@ pub fn check_generation(identity: &Identity) -> Result<(), FileError> {
     CertificateFile::read(&identity.certificate)?.check_generation(identity)
 }
 
-/// What is to be said at `now_s` of `node`'s certificate, which ends at `until_s`; `None` while it holds for long.
+/// The warning at `now_s` about `node`'s certificate, which ends at `until_s`; `None` while the end
+/// is far away.
 pub fn ending_notice(node: &str, until_s: i64, now_s: i64) -> Option<String> {
     let days = until_s.saturating_sub(now_s).div_euclid(DAY_S);
-    (days < TOLD_DAYS).then(|| {
+    (days < WARNING_DAYS).then(|| {
         let when = match days {
             ..=-1 => format!("has ended {} days ago", -days),
             0 => "ends today".to_owned(),
@@ -153,11 +155,12 @@ pub fn ending_notice(node: &str, until_s: i64, now_s: i64) -> Option<String> {
     })
 }
 
-/// Reads until when `identity`, that of `node`, holds, and says so where that is soon.
+/// Reads the validity of `identity`, which belongs to `node`, and prints a warning if it ends soon.
 ///
 /// # Errors
-/// [`NodeError::Refused`] when it is over, older than the newest of its node, or no certificate; [`NodeError::Failed`] when it has not begun: then it is
-/// rather this machine's clock that is wrong, and may be right when the node is started again.
+/// [`NodeError::Refused`] when the certificate has ended, is older than the newest of its node, or
+/// is invalid. [`NodeError::Failed`] when its validity has not begun: then this machine's clock is
+/// probably wrong, and a later start may succeed.
 pub(crate) fn check(identity: &Identity, node: &str, now_s: i64) -> Result<Validity, NodeError> {
     let path = &identity.certificate;
     let certificate = CertificateFile::read(path).map_err(NodeError::refused)?;
@@ -166,7 +169,7 @@ pub(crate) fn check(identity: &Identity, node: &str, now_s: i64) -> Result<Valid
     let validity = certificate.validity;
     if now_s < validity.from_s {
         return Err(NodeError::failed(anyhow!(
-            "{}: the certificate begins in {:.1} days by the clock of this machine, which is rather wrong: set it, by NTP or PTP",
+            "{}: the certificate begins in {:.1} days by the clock of this machine, which is probably wrong: set the clock, by NTP or PTP",
             path.display(),
             (validity.from_s - now_s) as f64 / DAY_S as f64
         )));
@@ -192,7 +195,7 @@ mod tests {
 
     const NOW_S: i64 = 1_790_000_000;
 
-    /// A certificate that holds from one day to another, counted from [`NOW_S`].
+    /// A certificate that is valid between two days relative to [`NOW_S`].
     fn identity(folder: &Path, from_days: i64, until_days: i64) -> Identity {
         let at =
             |days: i64| time::OffsetDateTime::from_unix_timestamp(NOW_S + days * DAY_S).unwrap();
@@ -215,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_certificate_says_in_time_that_it_ends_and_is_refused_afterwards() {
+    fn a_node_warns_before_its_certificate_ends_and_refuses_it_afterwards() {
         let folder = tempfile::tempdir().unwrap();
         let identity = |until| identity(folder.path(), -100, until);
         let validity = check(&identity(31), "ne", NOW_S).unwrap();
@@ -235,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn before_its_beginning_the_clock_is_suspected_and_the_node_may_be_started_again() {
+    fn a_future_certificate_is_a_failure_that_names_the_clock() {
         let folder = tempfile::tempdir().unwrap();
         let error = check(&identity(folder.path(), 2, 100), "ne", NOW_S).unwrap_err();
         assert!(matches!(error, NodeError::Failed(_)));
@@ -246,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_certificate_of_an_older_generation_than_the_newest_is_refused_at_home() {
+    fn a_certificate_of_an_older_generation_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let mut identity = identity(folder.path(), -1, 100);
         for _ in 0..2 {
@@ -263,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_certificate_is_named() {
+    fn an_invalid_certificate_is_refused_with_its_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ne.pem");
         std::fs::write(&path, "hello").unwrap();

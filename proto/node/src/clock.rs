@@ -1,4 +1,4 @@
-//! The one place that reads this machine's clock.
+//! The only reader of this machine's clock.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -8,7 +8,7 @@ use farfield_proto::message::health::{MAX_AHEAD_US, SystemClock};
 
 use crate::system_clock;
 
-/// Now, for spans.
+/// The present instant, for durations.
 #[expect(
     clippy::disallowed_methods,
     reason = "this is the place that the lint points to"
@@ -22,7 +22,7 @@ pub fn micros_since(start: Instant) -> u32 {
     u32::try_from(now().duration_since(start).as_micros()).unwrap_or(u32::MAX)
 }
 
-/// Time since 1970, zero on a machine whose clock is before that.
+/// Time since 1970, or zero if the machine's clock shows an earlier time.
 pub fn unix_time() -> Duration {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)
@@ -34,12 +34,13 @@ pub fn unix_s() -> i64 {
     unix_time().as_secs().cast_signed()
 }
 
-/// Fastest that a [`VenueClock`] follows the system's clock, microseconds per second: above what any oscillator drifts by,
-/// far below what the measuring of clocks would notice. By how much it is behind is told meanwhile.
+/// Largest correction of a [`VenueClock`] towards the system's clock, microseconds per second. It
+/// exceeds the drift of any oscillator, and is far too small to disturb the measurement of clocks.
+/// The remaining difference is reported.
 const SLEW_US_PER_S: i64 = 100;
 
-/// The clock that the venue goes by: Unix time, by PTP or NTP the same on all machines, that never jumps,
-/// whatever is done to the system's clock. Clones show the same time.
+/// The venue's clock: Unix time, the same on all machines by PTP or NTP. It never jumps, even if
+/// the system's clock is set. Clones show the same time.
 #[derive(Debug, Clone)]
 pub struct VenueClock {
     start: Instant,
@@ -48,14 +49,14 @@ pub struct VenueClock {
     fault: ClockFault,
 }
 
-/// What is wrong with a clock on purpose; by default nothing.
+/// A simulated fault of a clock; by default none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ClockFault {
-    /// How far the system's time is off, microseconds.
+    /// Offset of the system's time, microseconds.
     pub shift_us: i64,
-    /// After how many seconds somebody sets it, and by how many microseconds.
+    /// After how many seconds the clock is set, and by how many microseconds.
     pub set: Option<(u32, i64)>,
-    /// What the system says of its clock; `None`: what it really says.
+    /// The reported state of synchronisation; `None`: the real state.
     pub synchronised: Option<bool>,
 }
 
@@ -75,7 +76,7 @@ impl VenueClock {
         Self::start_with(ClockFault::default())
     }
 
-    /// Starts with a system's time of which `fault` is wrong.
+    /// Starts with a system time that has `fault`.
     #[cfg(feature = "study")]
     pub fn start_wrong(fault: ClockFault) -> Self {
         Self::start_with(fault)
@@ -97,25 +98,25 @@ impl VenueClock {
             .saturating_add(self.elapsed_us())
     }
 
-    /// The instant at which the clock shows `us`; now, for what is over.
+    /// The instant at which the clock shows `us`; the present instant for a time in the past.
     pub fn instant_at(&self, us: i64) -> Instant {
         let ahead_us = us.saturating_sub(self.now_us()).max(0);
         now() + Duration::from_micros(ahead_us.unsigned_abs())
     }
 
-    /// Follows the system's clock by a little; to be called once a second.
+    /// Moves towards the system's clock by a small step; call it once per second.
     pub fn discipline(&self) {
         let step_us = self.ahead_us().clamp(-SLEW_US_PER_S, SLEW_US_PER_S);
         self.at_start_us.fetch_add(step_us, Ordering::Relaxed);
     }
 
-    /// How the system's clock is, and by how much it is ahead of this one.
+    /// The state of the system's clock, and by how much it is ahead of this clock.
     pub fn system(&self) -> SystemClock {
-        let said = system_clock::read();
+        let reported = system_clock::read();
         SystemClock {
-            synchronised: self.fault.synchronised.unwrap_or(said.synchronised),
+            synchronised: self.fault.synchronised.unwrap_or(reported.synchronised),
             ahead_us: self.ahead_us().clamp(-MAX_AHEAD_US, MAX_AHEAD_US),
-            ..said
+            ..reported
         }
     }
 
@@ -139,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn at_the_end_of_time_the_clock_stands_still() {
+    fn the_clock_saturates_at_the_end_of_time() {
         let clock = VenueClock {
             start: now().checked_sub(Duration::from_millis(5)).unwrap(),
             at_start_us: Arc::new(AtomicI64::new(i64::MAX)),

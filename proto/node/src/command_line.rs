@@ -1,11 +1,11 @@
-//! The words of a command line before they are understood: what follows an option that can do without a value is its value
-//! where it can be one, and else what comes next.
+//! Options with an optional value. The next word is the value of such an option if it is a valid
+//! value; otherwise it is a separate argument.
 
 use std::ffi::{OsStr, OsString};
 
-/// `words` with values joined to their options: `--record a.mcap` is `--record=a.mcap`, but what follows `--record` in
-/// `fusion --record hall.toml` is the venue. `is_value` says of a word whether it is the value of the last of those before
-/// it.
+/// `words` with values joined to their options: `--record a.mcap` becomes `--record=a.mcap`. In
+/// `fusion --record hall.toml` the last word is the venue. `is_value` decides for a word whether it
+/// is the value of the option before it.
 pub fn joined(
     words: impl IntoIterator<Item = OsString>,
     is_value: impl Fn(&[OsString], &OsStr) -> bool,
@@ -29,7 +29,7 @@ pub fn is_venue(word: &OsStr) -> bool {
     word.as_encoded_bytes().ends_with(b".toml")
 }
 
-/// Whether a word may name a file to be written: it is no option, and no venue.
+/// Whether a word may name an output file: it is neither an option nor a venue.
 pub fn is_file(word: &OsStr) -> bool {
     !word.as_encoded_bytes().starts_with(b"-") && !is_venue(word)
 }
@@ -39,11 +39,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_value_is_joined_to_its_option_and_a_venue_is_none() {
+    fn a_value_is_joined_to_its_option_but_a_venue_is_not() {
         let of_record = |before: &[OsString], word: &OsStr| {
             before.last().is_some_and(|it| it == "--record") && is_file(word)
         };
-        for (said, understood) in [
+        for (line, understood) in [
             ("fusion --record hall.toml", "fusion --record hall.toml"),
             (
                 "fusion hall.toml --record --live",
@@ -56,7 +56,7 @@ mod tests {
             ("fusion hall.toml --record", "fusion hall.toml --record"),
             ("a.mcap", "a.mcap"),
         ] {
-            let words = joined(said.split(' ').map(OsString::from), of_record);
+            let words = joined(line.split(' ').map(OsString::from), of_record);
             let words: Vec<&str> = words.iter().map(|word| word.to_str().unwrap()).collect();
             assert_eq!(words.join(" "), understood);
         }

@@ -1,5 +1,4 @@
-//! Where a node listens or connects, and by what it proves who it is: what its operator asked for, else what
-//! the venue file says.
+//! The endpoints and the identity of a node: from the operator's options, else from the venue file.
 
 use std::path::Path;
 
@@ -19,38 +18,38 @@ use crate::process::NodeError;
 pub enum LinkEnd {
     /// Fusion: it listens.
     Listen,
-    /// Everybody else: it connects to fusion.
+    /// All other nodes: they connect to fusion.
     Connect,
 }
 
-/// What an operator said of a node's link.
+/// The operator's options for the link of a node.
 #[derive(Debug, Clone, Copy)]
-pub struct Asked<'a> {
-    /// Which end of the link the node is.
+pub struct LinkRequest<'a> {
+    /// The end of the link.
     pub side: LinkEnd,
-    /// The name of the node, which its certificate bears.
+    /// The name of the node, as in its certificate.
     pub node: &'a str,
-    /// The endpoints that were named; none: the venue file's.
+    /// The endpoints of the command line; empty: those of the venue file.
     pub endpoints: &'a [String],
-    /// The folder of its keys that was named, else the venue file's.
+    /// The folder of keys of the command line; `None`: that of the venue file.
     pub certificates: Option<&'a Path>,
-    /// Whether it may speak to other machines without TLS, whatever the venue file says.
+    /// Whether the node may connect to other machines without TLS, regardless of the venue file.
     pub allow_plaintext: bool,
 }
 
-/// How a node reaches the others, checked.
+/// The checked endpoints and identity of a node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Reach {
-    /// Where it listens or connects.
+    /// The endpoints to listen at or to connect to.
     pub endpoints: Vec<String>,
-    /// By what it proves who it is; `None` without TLS.
+    /// The certificate and key; `None` without TLS.
     pub identity: Option<Identity>,
-    /// Until when the certificate of [`Self::identity`] holds.
+    /// The validity of the certificate of [`Self::identity`].
     pub validity: Option<Validity>,
 }
 
 impl Reach {
-    /// Whether nobody else can read what goes over the link: it is encrypted, or stays on this machine.
+    /// Whether the link is private: encrypted, or inside this machine.
     pub fn is_private(&self) -> bool {
         self.identity.is_some() || self.endpoints.iter().all(|it| is_loopback(it))
     }
@@ -79,12 +78,12 @@ impl LinkEnd {
     }
 }
 
-impl Asked<'_> {
-    /// What was asked for, completed from `venue`.
+impl LinkRequest<'_> {
+    /// The options, completed from `venue`.
     ///
     /// # Errors
-    /// [`NodeError::Refused`] when an endpoint is none or may not be used without keys, or a file of the keys cannot
-    /// be read, and as [`keys::check`].
+    /// [`NodeError::Refused`] when an endpoint is invalid or not allowed without keys, when a key
+    /// file cannot be read, and as [`keys::check`].
     pub fn in_venue(&self, venue: &Venue) -> Result<Reach, NodeError> {
         if let Some(wrong) = self.endpoints.iter().find(|text| !is_endpoint(text)) {
             let (option, example) = (self.side.option(), self.side.example());

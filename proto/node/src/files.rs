@@ -1,4 +1,4 @@
-//! The files that describe a venue, read for the pure code that understands them.
+//! Reads the files that describe a venue, for the pure code that parses them.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read as _};
@@ -12,18 +12,19 @@ use farfield_proto::venue::{Venue, VenueFile};
 
 use crate::process::say;
 
-/// The name of the file by which `farfield certs` makes keys.
+/// The key file with which `farfield certs` signs certificates.
 pub const AUTHORITY_KEY: &str = "ca.key";
 
-/// Reads the file at `path` whole, where it has at most `most_bytes`.
+/// Reads the file at `path` whole if it has at most `most_bytes`.
 ///
 /// # Errors
-/// When it cannot be read, is no file (a pipe or a device may never end), or is longer, also one that grows meanwhile.
+/// When it cannot be read, is not a regular file (a pipe or a device may never end), or is longer,
+/// also if it grows meanwhile.
 pub fn read_bounded(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     let refused = |problem| Err(io::Error::new(ErrorKind::InvalidData, problem));
-    // Before it is opened: to open a pipe may wait for ever.
+    // Before the file is opened: opening a pipe may block for ever.
     if !fs::metadata(path)?.is_file() {
-        return refused("found something else than a file".to_owned());
+        return refused("found something other than a file".to_owned());
     }
     let mut bytes = Vec::new();
     let bounded = File::open(path)?.take(most_bytes.saturating_add(1));
@@ -34,29 +35,30 @@ pub fn read_bounded(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The same of a text.
+/// As [`read_bounded`], for text.
 ///
 /// # Errors
-/// As [`read_bounded`], and when it is no UTF-8.
+/// As [`read_bounded`], and when it is not UTF-8.
 pub fn read_text_bounded(path: &Path, most_bytes: u64) -> io::Result<String> {
     let text = String::from_utf8(read_bounded(path, most_bytes)?);
     text.map_err(|error| io::Error::new(ErrorKind::InvalidData, error))
 }
 
-/// What keeps `folder` from being one, there or made anew: the first above it that is there, where that is no folder.
-pub fn in_place_of_folder(folder: &Path) -> Option<PathBuf> {
-    // Without a slash at its end, which would hide a file.
+/// The lowest existing ancestor of `folder` (or `folder` itself), if it is not a folder: it
+/// prevents the creation of `folder`.
+pub fn obstacle_of_folder(folder: &Path) -> Option<PathBuf> {
+    // Without a trailing slash, which would hide a file.
     let folder: PathBuf = folder.components().collect();
     let is_there = |it: &&Path| it.symlink_metadata().is_ok();
     let there = folder.ancestors().find(is_there);
     there.filter(|it| !it.is_dir()).map(Path::to_path_buf)
 }
 
-/// Reads the venue file at `path` and the calibration that it names.
+/// Reads the venue file at `path` and its calibration.
 ///
 /// # Errors
-/// [`FileError`] when a file cannot be read, and as [`VenueFile::parse`],
-/// [`VenueFile::venue`] and [`Calibration::parse`].
+/// [`FileError`] when a file cannot be read, and as [`VenueFile::parse`], [`VenueFile::venue`] and
+/// [`Calibration::parse`].
 pub fn load_venue(path: &Path) -> Result<Venue, FileError> {
     let text = fs::read_to_string(path).map_err(|error| {
         let problem = unread(&error, "the venue file in it, such as venue.toml");
@@ -65,7 +67,7 @@ pub fn load_venue(path: &Path) -> Result<Venue, FileError> {
     parse_venue(&text, path)
 }
 
-/// Understands `text` as the venue file at `path`, and reads the calibration that it names.
+/// Parses `text` as the venue file at `path`, and reads its calibration.
 ///
 /// # Errors
 /// As [`load_venue`].
@@ -80,7 +82,7 @@ pub fn parse_venue(text: &str, path: &Path) -> Result<Venue, FileError> {
         ))
     })?;
     let calibration_text = text_of(bytes.clone(), &calibration_path)?;
-    // Nodes hand the file on, and record it, as it is.
+    // Nodes distribute and record the file unchanged.
     if calibration_text.as_bytes() != bytes {
         let problem = "found text that is not UTF-8, expected TOML: `farfield calibrate convert` writes it anew";
         return Err(FileError::new(calibration_path, problem));
@@ -88,10 +90,11 @@ pub fn parse_venue(text: &str, path: &Path) -> Result<Venue, FileError> {
     file.venue(Calibration::parse(&calibration_text, &calibration_path)?)
 }
 
-/// The files in `folder` by which `node` proves who it is, and which certificates of others are too old.
+/// The files in `folder` that prove the identity of `node`, and the list of outdated certificates.
 ///
 /// # Errors
-/// [`FileError`] naming the first of them that cannot be read, or the key where others than its owner can read it.
+/// [`FileError`] with the first unreadable file, or with the key if users other than its owner can
+/// read it.
 pub fn load_identity(folder: &Path, node: &str) -> Result<Identity, FileError> {
     let mut identity = Identity::in_folder(folder, node);
     let files = [
@@ -114,10 +117,11 @@ pub fn load_identity(folder: &Path, node: &str) -> Result<Identity, FileError> {
     Ok(identity)
 }
 
-/// What the folder of keys says of generations; nothing where it was made before they were counted.
+/// The certificate generations in the folder of keys; empty for a folder made before they were
+/// counted.
 ///
 /// # Errors
-/// [`FileError`] when its file is there and cannot be read, or says something else.
+/// [`FileError`] when the file exists but cannot be read or parsed.
 pub fn load_generations(folder: &Path) -> Result<Generations, FileError> {
     let path = folder.join(GENERATIONS_FILE);
     match fs::read_to_string(&path) {
@@ -130,11 +134,11 @@ pub fn load_generations(folder: &Path) -> Result<Generations, FileError> {
     }
 }
 
-/// Refuses a private key that others than its owner can read or replace. A group may read what root owns: so systemd hands
-/// credentials to a service.
+/// Refuses a private key that users other than its owner can read or replace. A group may read
+/// root's files: this is how systemd passes credentials to a service.
 ///
 /// # Errors
-/// [`FileError`] with the mode that was found, or when there is no such file.
+/// [`FileError`] with the actual mode, or when there is no such file.
 pub fn check_secret(path: &Path) -> Result<(), FileError> {
     let metadata = fs::metadata(path)
         .map_err(|error| FileError::new(path, format!("cannot read the key: {error}")))?;
@@ -146,18 +150,18 @@ pub fn check_secret(path: &Path) -> Result<(), FileError> {
     Err(FileError::new(
         path,
         format!(
-            "found mode {mode:04o}, expected a private key for its owner alone (0600): others on this machine could take it; `chmod 600 {}` mends it, and if they may have, `farfield certs --renew` makes a new one",
+            "found mode {mode:04o}, expected a private key for its owner alone (0600): others on this machine could copy it; `chmod 600 {}` protects it, and if it may have been copied, `farfield certs --renew` makes a new one",
             path.display()
         ),
     ))
 }
 
-/// Says that whoever has this machine has the venue.
+/// Warns that this machine holds the key of the venue's authority.
 fn warn_of_the_authoritys_key(folder: &Path) {
     let path = folder.join(AUTHORITY_KEY);
     if path.exists() {
         say(format_args!(
-            "{}: the key of the venue's authority lies among those of a node, and whoever takes this machine can make keys for all: keep it elsewhere, `farfield certs --authority DIR` finds it there",
+            "{}: the key of the venue's authority is in the folder of a node's keys, and a thief of this machine could make keys for all nodes: keep it elsewhere, and pass `--authority DIR` to `farfield certs`",
             path.display()
         ));
     }
@@ -167,7 +171,7 @@ fn warn_of_the_authoritys_key(folder: &Path) {
 mod tests {
     use super::*;
 
-    /// A folder of keys whose key has `mode`, beside what `more` says.
+    /// A folder of keys whose key has `mode`, with additional files `more`.
     fn identity(mode: u32, more: &[(&str, &str)]) -> Result<Identity, String> {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = tempfile::tempdir().unwrap();
@@ -181,14 +185,14 @@ mod tests {
     }
 
     #[test]
-    fn a_private_key_that_others_can_read_is_refused_with_what_mends_it() {
+    fn a_private_key_readable_by_others_is_refused_with_the_remedy() {
         identity(0o600, &[]).unwrap();
         identity(0o400, &[]).unwrap();
         for open in [0o604, 0o644, 0o660, 0o666, 0o602] {
             let refused = identity(open, &[]).unwrap_err();
-            let mends = format!("found mode {open:04o}");
+            let mode = format!("found mode {open:04o}");
             assert!(
-                refused.contains(&mends) && refused.contains("chmod 600 "),
+                refused.contains(&mode) && refused.contains("chmod 600 "),
                 "{refused}"
             );
             assert!(!refused.contains("secret"), "{refused}");
@@ -196,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn which_certificates_are_the_newest_stands_beside_the_keys() {
+    fn the_newest_generations_are_read_from_the_key_folder() {
         assert_eq!(identity(0o600, &[]).unwrap().generations.of("fusion"), 0);
         let known = [(GENERATIONS_FILE, "[generation]\nfusion = 3\n")];
         assert_eq!(identity(0o600, &known).unwrap().generations.of("fusion"), 3);
@@ -206,23 +210,23 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_long_or_no_file_is_not_read() {
+    fn long_files_and_special_files_are_not_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.toml");
         fs::write(&path, "twelve bytes").unwrap();
         assert_eq!(read_text_bounded(&path, 12).unwrap(), "twelve bytes");
-        let told = |path: &Path| read_text_bounded(path, 11).unwrap_err().to_string();
-        assert_eq!(told(&path), "found more than 11 bytes");
-        // A device says that it has none, and never ends.
+        let error = |path: &Path| read_text_bounded(path, 11).unwrap_err().to_string();
+        assert_eq!(error(&path), "found more than 11 bytes");
+        // A device reports length 0 and never ends.
         for none in [Path::new("/dev/zero"), folder.path()] {
-            assert_eq!(told(none), "found something else than a file");
+            assert_eq!(error(none), "found something other than a file");
         }
         fs::write(&path, b"\xff").unwrap();
-        assert!(told(&path).contains("utf-8"), "{}", told(&path));
+        assert!(error(&path).contains("utf-8"), "{}", error(&path));
     }
 
     #[test]
-    fn a_file_that_cannot_be_read_is_named() {
+    fn an_unreadable_file_is_refused_by_name() {
         let refused = load_venue(Path::new("no/such/venue.toml"))
             .unwrap_err()
             .to_string();

@@ -1,17 +1,17 @@
-//! How long things took, over days, in bounded room.
+//! A histogram of durations over days, in bounded memory.
 //!
-//! The buckets are those of the crate `hdrhistogram` (Gil Tene's `HdrHistogram`) with two significant
-//! figures from 1 microsecond to `u32::MAX` (71 minutes): a percentile is at most 1/128 above the truth,
-//! what is below 256 is exact, and so are count, sum and largest. A histogram takes 13 kB.
+//! The buckets are those of the crate `hdrhistogram` (Gil Tene's `HdrHistogram`) with two
+//! significant figures from 1 microsecond to `u32::MAX` (71 minutes). A percentile is at most 1/128
+//! above the truth. Values below 256, count, sum and maximum are exact. A histogram takes 13 kB.
 
 use hdrhistogram::Histogram as Buckets;
 
 use farfield_proto::message::StageTime;
 
-/// Significant decimal figures of what is counted.
+/// Significant decimal figures.
 const FIGURES: u8 = 2;
 
-/// A distribution of microseconds, of bounded size whatever was counted.
+/// A distribution of microseconds, of bounded size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Histogram {
     buckets: Buckets<u32>,
@@ -31,24 +31,24 @@ impl Default for Histogram {
 }
 
 impl Histogram {
-    /// Counts one more. Allocates nothing.
+    /// Records one value without allocation.
     pub fn record(&mut self, us: u32) {
         self.buckets.saturating_record(us.into());
         self.total = self.total.saturating_add(us.into());
         self.max = self.max.max(us);
     }
 
-    /// How many were counted.
+    /// The number of values.
     pub fn count(&self) -> u64 {
         self.buckets.len()
     }
 
-    /// The largest, microseconds; 0 when there is none.
+    /// The maximum, microseconds; 0 without values.
     pub fn max(&self) -> u32 {
         self.max
     }
 
-    /// Adds what `other` has counted.
+    /// Adds the values of `other`.
     ///
     /// # Panics
     /// Never: all histograms have the same buckets.
@@ -60,21 +60,21 @@ impl Histogram {
         self.max = self.max.max(other.max);
     }
 
-    /// Forgets everything.
+    /// Removes all values.
     pub fn clear(&mut self) {
         self.buckets.reset();
         (self.total, self.max) = (0, 0);
     }
 
-    /// The number, microseconds, that a `share` (0 to 1) of all is not above, by nearest rank: the upper end
-    /// of its bucket, never above the largest. `None` when nothing was counted.
+    /// The smallest value, microseconds, that a `share` (0 to 1) of all values does not exceed, by
+    /// nearest rank: the upper end of its bucket, at most the maximum. `None` without values.
     pub fn quantile(&self, share: f64) -> Option<u32> {
         let upper_end = self.buckets.value_at_quantile(share);
         let us = u32::try_from(upper_end).unwrap_or(u32::MAX).min(self.max);
         (self.count() > 0).then_some(us)
     }
 
-    /// Sums up as the time of `stage`. `None` when nothing was counted.
+    /// The values as the time of `stage`; `None` without values.
     pub fn stage_time(&self, stage: &str) -> Option<StageTime> {
         Some(StageTime {
             stage: stage.to_owned(),
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_counted_is_nothing_said() {
+    fn an_empty_histogram_has_no_results() {
         assert_eq!(Histogram::default().stage_time("step"), None);
         assert_eq!(Histogram::default().quantile(0.5), None);
     }
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn every_number_is_counted_and_its_room_is_bounded() {
+    fn every_value_is_counted_in_bounded_memory() {
         let mut h = Histogram::default();
         let room = h.buckets.distinct_values();
         for us in (0..32).flat_map(|bit| [1u32 << bit, (1u32 << bit) - 1]) {
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_forgotten_leaves_no_trace() {
+    fn clear_removes_all_values() {
         let mut h = Histogram::default();
         h.record(7);
         h.clear();
@@ -149,7 +149,7 @@ mod tests {
         }
 
         #[test]
-        fn what_was_counted_apart_is_as_if_counted_together(
+        fn merged_histograms_equal_one_histogram(
             a in prop::collection::vec(any::<u32>(), 0..50), b in prop::collection::vec(any::<u32>(), 0..50),
         ) {
             let of = |samples: &[u32]| {

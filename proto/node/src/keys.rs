@@ -1,5 +1,6 @@
-//! Whether the keys of a node are its own: of its venue, of the authority beside them, and of each other. A node that starts
-//! with others would wait for ever: whoever it meets hangs up, and does not tell it why.
+//! Checks that the keys of a node belong to its venue, to the authority in the same folder, and to
+//! each other. With wrong keys a node would wait for ever, because other nodes close the connection
+//! without a reason.
 
 use std::path::Path;
 use std::time::Duration;
@@ -16,13 +17,13 @@ use webpki::{ALL_VERIFICATION_ALGS, EndEntityCert, KeyUsage, anchor_from_trusted
 use crate::certificate::{self, Validity, common_name_in};
 use crate::process::NodeError;
 
-/// Looks at the keys with which a node of this venue and of this name starts at `now_s` (Unix time in seconds): until when
-/// they hold, which it says where that is soon, and whether they are its own.
+/// Checks the keys with which a node of this venue and name starts at `now_s` (Unix time in
+/// seconds). Returns their validity, and warns if it ends soon.
 ///
 /// # Errors
-/// [`NodeError::Refused`] when they have ended, are older than the newest of the node, are not its own, or are no keys;
-/// [`NodeError::Failed`] when they have not begun: then it is rather this machine's clock that is wrong, and may be right
-/// when the node is started again.
+/// [`NodeError::Refused`] when the keys have ended, are outdated, belong to another node, or are
+/// invalid. [`NodeError::Failed`] when their validity has not begun: then this machine's clock is
+/// probably wrong, and a later start may succeed.
 pub fn check(
     identity: &Identity,
     (venue, node): (&str, &str),
@@ -37,12 +38,12 @@ pub fn check(
     Ok(validity)
 }
 
-/// Refuses keys with which nobody would admit the node of this venue and of this name, at `now_s` (Unix time in seconds).
-/// Says what was found and what was expected, and leaves it to the caller what mends it.
+/// Refuses keys with which other nodes would not admit the node of this venue and name, at `now_s`
+/// (Unix time in seconds). The caller adds the remedy.
 ///
 /// # Errors
-/// [`FileError`] with the certificate where it is another node's or another authority's, with the key where it is none, or
-/// not that of the certificate, and as [`check_authority`].
+/// [`FileError`] with the certificate if it belongs to another node or authority, with the key if
+/// it is invalid or does not match the certificate, and as [`check_authority`].
 pub fn check_own(
     identity: &Identity,
     (venue, node): (&str, &str),
@@ -54,15 +55,15 @@ pub fn check_own(
     check_signature((identity, node), &chain, now_s)
 }
 
-/// Refuses a file that is not the certificate of an authority, or several of such.
+/// Refuses a file that does not contain certificates of authorities.
 ///
 /// # Errors
-/// [`FileError`] when the file cannot be read, or holds something else.
+/// [`FileError`] when the file cannot be read or has other content.
 pub fn check_authority(path: &Path) -> Result<(), FileError> {
     anchors(&authorities_in(path)?, path).map(drop)
 }
 
-/// Of which node of `venue`, and of which generation, a certificate of this common name is; `None`: of none.
+/// The node of `venue` and the generation in a certificate's common name; `None` for other names.
 pub fn node_of<'a>(venue: &str, common_name: &'a str) -> Option<(&'a str, u32)> {
     let rest = common_name.strip_prefix(venue)?;
     generation_of(common_name).filter(|_| rest.starts_with('/'))
@@ -71,7 +72,7 @@ pub fn node_of<'a>(venue: &str, common_name: &'a str) -> Option<(&'a str, u32)> 
 fn check_name(identity: &Identity, (venue, node): (&str, &str)) -> Result<(), FileError> {
     let path = &identity.certificate;
     let name = common_name_in(path)?;
-    // Readers of releases that did not count share one name.
+    // Readers of releases without generations share one name.
     let is_own = node_of(venue, &name).is_some_and(|of| of.0 == node || of == (READER, 0));
     if is_own {
         return Ok(());
@@ -79,18 +80,18 @@ fn check_name(identity: &Identity, (venue, node): (&str, &str)) -> Result<(), Fi
     Err(FileError::new(
         path,
         format!(
-            "found the certificate of `{name}`, expected that of {node} of venue {venue}: nobody else would be admitted as {node}"
+            "found the certificate of `{name}`, expected that of {node} of venue {venue}: no other certificate is admitted as {node}"
         ),
     ))
 }
 
-/// By the same code that links use it by, so that what passes here passes there, whatever program has made the key.
+/// Uses the same code as links do, so that both accept the same keys, whichever program made them.
 fn check_key(identity: &Identity, chain: &[CertificateDer<'static>]) -> Result<(), FileError> {
     let certificate = identity.certificate.display();
     let failed = |problem: String| FileError::new(&identity.key, problem);
     let key = PrivateKeyDer::from_pem_file(&identity.key).map_err(|error| match error {
         pem::Error::Io(error) => failed(format!("cannot read the private key: {error}")),
-        // What the other errors say may be a line of the key.
+        // The text of other errors may contain a line of the key.
         _ => failed(format!(
             "found no private key in PEM, expected that of {certificate}"
         )),
@@ -106,7 +107,7 @@ fn check_key(identity: &Identity, chain: &[CertificateDer<'static>]) -> Result<(
     }
 }
 
-/// `chain`: the certificate, then those of authorities between it and the venue's.
+/// `chain`: the certificate, then those of intermediate authorities.
 fn check_signature(
     (identity, node): (&Identity, &str),
     chain: &[CertificateDer<'static>],
@@ -133,7 +134,7 @@ fn check_signature(
     };
     let own = EndEntityCert::try_from(own).map_err(failed)?;
     let now = UnixTime::since_unix_epoch(Duration::from_secs(now_s.unsigned_abs()));
-    // Fusion listens with it, all others connect.
+    // Fusion listens with it; all other nodes connect.
     let usage = if node == FUSION {
         KeyUsage::server_auth()
     } else {
@@ -156,7 +157,7 @@ fn authorities_in(path: &Path) -> Result<Vec<CertificateDer<'static>>, FileError
     certificates_in(path, "that of the venue's authority")
 }
 
-/// All certificates at `path`, one at least. `expected` says whose the first should be.
+/// All certificates at `path`, at least one. `expected` describes the owner of the first.
 fn certificates_in(path: &Path, expected: &str) -> Result<Vec<CertificateDer<'static>>, FileError> {
     let read = || -> Result<Vec<CertificateDer<'static>>, pem::Error> {
         let all = CertificateDer::pem_file_iter(path)?.collect::<Result<Vec<_>, _>>()?;
@@ -173,7 +174,7 @@ fn certificates_in(path: &Path, expected: &str) -> Result<Vec<CertificateDer<'st
     })
 }
 
-/// What `certificates`, which are those at `path`, are good for: to hold others against.
+/// The trust anchors of `certificates`, which were read from `path`.
 fn anchors<'a>(
     certificates: &'a [CertificateDer<'static>],
     path: &Path,
@@ -201,10 +202,10 @@ mod tests {
 
     const NOW_S: i64 = 1_790_000_000;
     const DAY_S: i64 = 86_400;
-    /// Whose keys are looked at.
+    /// Venue and node of the tests.
     const NE: (&str, &str) = ("hall", "ne");
 
-    /// What a certificate of this common name says.
+    /// Parameters of a certificate with this common name.
     fn params(common_name: &str) -> CertificateParams {
         let at = |days: i64| OffsetDateTime::from_unix_timestamp(NOW_S + days * DAY_S).unwrap();
         let mut params = CertificateParams::new(vec!["hall".to_owned()]).unwrap();
@@ -215,7 +216,7 @@ mod tests {
         params
     }
 
-    /// Writes keys of this common name, by an authority of their own.
+    /// Writes keys with this common name, signed by a new authority.
     fn make(identity: &Identity, common_name: &str) {
         let mut of_authority = params("hall authority");
         of_authority.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
@@ -228,7 +229,7 @@ mod tests {
         fs::write(&identity.key, key.serialize_pem()).unwrap();
     }
 
-    /// The text of one file of other keys of the same name.
+    /// The text of one file of other keys with the same name.
     fn of_others(file: impl FnOnce(&Identity) -> &Path) -> String {
         let folder = tempfile::tempdir().unwrap();
         let others = Identity::in_folder(folder.path(), NE.1);
@@ -236,8 +237,8 @@ mod tests {
         fs::read_to_string(file(&others)).unwrap()
     }
 
-    /// What is said of the keys of ne after `change`.
-    fn said(change: impl FnOnce(&Identity)) -> Result<(), String> {
+    /// The error for the keys of ne after `change`.
+    fn check_after(change: impl FnOnce(&Identity)) -> Result<(), String> {
         let folder = tempfile::tempdir().unwrap();
         let identity = Identity::in_folder(folder.path(), NE.1);
         make(&identity, &common_name(NE.0, NE.1, 2));
@@ -249,18 +250,18 @@ mod tests {
         }
     }
 
-    /// The same after the text of the key was replaced.
-    fn said_of_key(text: &str) -> Result<(), String> {
-        said(|keys| fs::write(&keys.key, text).unwrap())
+    /// The error after the text of the key was replaced.
+    fn check_with_key(text: &str) -> Result<(), String> {
+        check_after(|keys| fs::write(&keys.key, text).unwrap())
     }
 
     #[test]
-    fn keys_of_their_node_and_venue_that_fit_each_other_pass() {
-        said(|_| {}).unwrap();
-        // As they were called before generations were counted.
-        said(|keys| make(keys, "hall/ne")).unwrap();
-        // Links take several authorities from one file, too.
-        said(|keys| {
+    fn matching_keys_of_the_node_and_venue_pass() {
+        check_after(|_| {}).unwrap();
+        // The name before generations were counted.
+        check_after(|keys| make(keys, "hall/ne")).unwrap();
+        // Links accept several authorities from one file.
+        check_after(|keys| {
             let own = fs::read_to_string(&keys.authority).unwrap();
             let both = of_others(|it| &it.authority) + &own;
             fs::write(&keys.authority, both).unwrap();
@@ -270,8 +271,8 @@ mod tests {
 
     #[test]
     fn keys_of_another_venue_or_node_are_refused() {
-        for other in ["arena/ne/2", "hall/nw/2", "hall2/ne/2", "somebody"] {
-            let refused = said(|keys| make(keys, other)).unwrap_err();
+        for other in ["arena/ne/2", "hall/nw/2", "hall2/ne/2", "other"] {
+            let refused = check_after(|keys| make(keys, other)).unwrap_err();
             let found = format!("ne.pem: found the certificate of `{other}`");
             for words in [&found, "expected that of ne of venue hall"] {
                 assert!(refused.contains(words), "{words}: {refused}");
@@ -280,51 +281,51 @@ mod tests {
     }
 
     #[test]
-    fn keys_that_do_not_belong_together_are_refused() {
+    fn mismatched_keys_are_refused() {
         let of_another_authority = |keys: &Identity| {
             fs::write(&keys.authority, of_others(|it| &it.authority)).unwrap();
         };
         let cases = [
             (
-                said(of_another_authority),
+                check_after(of_another_authority),
                 "ne.pem: found a certificate that is not signed by the authority of",
             ),
             (
-                said_of_key(&of_others(|it| &it.key)),
+                check_with_key(&of_others(|it| &it.key)),
                 "ne.key: found the private key of another certificate",
             ),
         ];
-        for (said, words) in cases {
-            let refused = said.unwrap_err();
+        for (result, words) in cases {
+            let refused = result.unwrap_err();
             assert!(refused.contains(words), "{words}: {refused}");
         }
     }
 
     #[test]
-    fn what_is_no_key_and_no_authority_is_refused_and_nothing_of_it_told() {
-        // Symptom to prevent: with a key file of junk an edge waited for ever.
+    fn invalid_key_files_are_refused_without_quoting_them() {
+        // Regression: with an invalid key file an edge waited for ever.
         let no_key = "ne.key: found no private key in PEM";
         let useless = "-----BEGIN PRIVATE KEY-----\nc2VjcmV0\n-----END PRIVATE KEY-----\n";
         let own_line = "-----BEGIN secret\n";
         let cases = [
-            (said_of_key("secret"), no_key),
-            (said_of_key(""), no_key),
-            (said_of_key(own_line), no_key),
-            (said_of_key(&useless[..40]), no_key),
-            (said_of_key(&of_others(|it| &it.certificate)), no_key),
+            (check_with_key("secret"), no_key),
+            (check_with_key(""), no_key),
+            (check_with_key(own_line), no_key),
+            (check_with_key(&useless[..40]), no_key),
+            (check_with_key(&of_others(|it| &it.certificate)), no_key),
             (
-                said_of_key(useless),
+                check_with_key(useless),
                 "ne.key: found a private key that no link can use",
             ),
             (
-                said(|keys| fs::write(&keys.authority, "secret").unwrap()),
+                check_after(|keys| fs::write(&keys.authority, "secret").unwrap()),
                 "ca.pem: found no certificate in PEM",
             ),
         ];
-        for (said, words) in cases {
-            let refused = said.unwrap_err();
-            let mends = "copy ca.pem, ne.pem and ne.key of venue hall";
-            for words in [words, "expected that of", mends] {
+        for (result, words) in cases {
+            let refused = result.unwrap_err();
+            let remedy = "copy ca.pem, ne.pem and ne.key of venue hall";
+            for words in [words, "expected that of", remedy] {
                 assert!(refused.contains(words), "{words}: {refused}");
             }
             assert!(
@@ -335,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_has_a_name_of_its_own_or_that_which_all_readers_once_had() {
+    fn a_reader_has_its_own_name_or_the_old_common_one() {
         let folder = tempfile::tempdir().unwrap();
         let identity = Identity::in_folder(folder.path(), "screen");
         for name in [

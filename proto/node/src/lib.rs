@@ -1,23 +1,24 @@
-//! What the shell of every Farfield node needs, written once: edge, fusion and recorder are processes with the same
-//! clock, the same signals, the same log and a session with each other.
+//! The common shell of all Farfield nodes. Edge, fusion and recorder are processes with the same
+//! clock, signals and log, and with a session between them.
 //!
-//! Read [`process`] first: how a node is told to stop, how it ends, and what it says then. [`session`] is how it
-//! speaks with others, [`endpoints`] where and as whom. [`files`] reads what describes a venue, which
-//! [`farfield_proto`] then understands without opening anything. The rest is one function or type each:
+//! Read [`process`] first: how a node stops and reports its end. [`session`] connects it to other
+//! nodes, [`endpoints`] gives its addresses and identity. [`files`] reads the files of a venue,
+//! which [`farfield_proto`] parses without opening anything. The other modules have one function or
+//! type each:
 //!
-//! | module | what |
+//! | module | content |
 //! | --- | --- |
-//! | [`certificate`] | until when a node's certificate holds |
+//! | [`certificate`] | the validity of a node's certificate |
 //! | [`clock`] | the only reader of the machine's clock; the venue's clock, which never jumps |
-//! | [`command_line`] | options that can do without a value, joined to theirs where they have one |
-//! | [`histogram`] | how long things took, over days, in bounded room |
-//! | [`keys`] | whether a node's keys are those of its venue and its authority, and fit each other |
-//! | [`log`] | what a node logs, and how it listens in on a library's log |
-//! | [`service_manager`] | what systemd hears of a node |
-//! | [`system_clock`] | whether NTP or PTP keeps the machine's clock right |
-//! | [`runtime`] | starting the runtime, and ending it whatever still waits |
+//! | [`command_line`] | options with an optional value |
+//! | [`histogram`] | durations over days, in bounded memory |
+//! | [`keys`] | checks that a node's keys belong to its venue, its authority and each other |
+//! | [`log`] | a node's log, and a listener to a library's log |
+//! | [`service_manager`] | reports to systemd |
+//! | [`system_clock`] | whether NTP or PTP synchronises the machine's clock |
+//! | [`runtime`] | starts the runtime and ends it without waiting |
 //!
-//! Nothing here knows what a node works on: what only edges or only fusion need lies with them.
+//! Nothing here depends on the work of a node: code for edges or for fusion is in their crates.
 
 pub mod certificate;
 pub mod clock;

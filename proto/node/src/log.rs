@@ -1,4 +1,4 @@
-//! The log of a node, and how a node listens in on Zenoh's.
+//! The log of a node, and a listener to Zenoh's log.
 
 use std::fmt;
 use std::io::{IsTerminal as _, stderr};
@@ -12,62 +12,68 @@ use tracing_subscriber::{EnvFilter, Layer, Registry};
 
 use crate::process::say;
 
-/// What is logged unless `RUST_LOG` says otherwise. Zenoh warns about every peer that leaves: the nodes
-/// say that themselves, by name. So they do with the backend.
+/// The default filter without `RUST_LOG`. Zenoh warns about every peer that leaves, but the nodes
+/// report that themselves, by name. The same holds for the inference backend.
 const LOGGED: &str = "warn,zenoh=error,ort=error,farfield_edge::network::backend=error";
 
-/// Libraries whose own log is only of use to who asks for it by name.
+/// Libraries whose log is only useful on request.
 const LIBRARIES: [&str; 6] = ["zenoh", "quinn", "rustls", "ort", "tract", "mio"];
 
-/// What is logged when `RUST_LOG` is `asked`: of libraries that it does not name, warnings and worse, or less where it asks
-/// for less of all.
-fn filter_of(asked: &str) -> String {
-    let directives = || asked.split(',').map(str::trim).filter(|it| !it.is_empty());
+/// The filter for the value `requested` of `RUST_LOG`. Libraries without a directive log warnings and
+/// worse, or less if `requested` lowers the level of everything.
+fn filter_of(requested: &str) -> String {
+    let directives = || {
+        requested
+            .split(',')
+            .map(str::trim)
+            .filter(|it| !it.is_empty())
+    };
     let of_all: Option<LevelFilter> = directives().rev().find_map(|it| it.parse().ok());
     let level = of_all.map_or(LevelFilter::WARN, |level| level.min(LevelFilter::WARN));
     let is_unnamed = |library: &&&str| !directives().any(|it| is_about(it, library));
     let quiet = LIBRARIES.iter().filter(is_unnamed);
     let quiet = quiet.map(|library| format!("{library}={level}"));
     quiet
-        .chain([asked.to_owned()])
+        .chain([requested.to_owned()])
         .collect::<Vec<_>>()
         .join(",")
 }
 
-/// Whether the target of `directive` (`TARGET[SPAN]=LEVEL`) is `library`, a part of it or a crate of its family.
+/// Whether the target of `directive` (`TARGET[SPAN]=LEVEL`) is `library`, a part of it or a crate
+/// of its family.
 fn is_about(directive: &str, library: &str) -> bool {
     let target = directive.split(['=', '[']).next().unwrap_or_default();
     let rest = target.strip_prefix(library);
     rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['_', ':']))
 }
 
-/// The filter of the log; what `RUST_LOG` says is told of where it says nothing that can be understood.
+/// The filter of the log; warns about an invalid `RUST_LOG`.
 fn filter() -> EnvFilter {
-    let asked = std::env::var(EnvFilter::DEFAULT_ENV).unwrap_or_default();
-    if asked.trim().is_empty() {
+    let requested = std::env::var(EnvFilter::DEFAULT_ENV).unwrap_or_default();
+    if requested.trim().is_empty() {
         return EnvFilter::new(LOGGED);
     }
-    EnvFilter::try_new(filter_of(&asked)).unwrap_or_else(|error| {
+    EnvFilter::try_new(filter_of(&requested)).unwrap_or_else(|error| {
         say(format_args!(
-            "RUST_LOG: found `{asked}`, expected a level or TARGET=LEVEL, with commas between: {error}"
+            "RUST_LOG: found `{requested}`, expected a level or TARGET=LEVEL, with commas between: {error}"
         ));
         EnvFilter::new(LOGGED)
     })
 }
 
-/// Sends the log to standard error: warnings and worse, unless `RUST_LOG` says otherwise.
+/// Sends the log to standard error: warnings and worse, unless `RUST_LOG` sets another filter.
 pub fn start_log() {
     start_log_with(Identity::new());
 }
 
-/// The same, with `listener` beside it: what a node makes of the log of a library.
+/// As [`start_log`], with an additional layer `listener` for the log of a library.
 pub fn start_log_with(listener: impl Layer<Registry> + Send + Sync) {
     let filter = filter();
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(stderr)
         .with_ansi(stderr().is_terminal())
         .with_filter(filter);
-    // A second call in one process (tests) finds the first log in place.
+    // A second call in one process (tests) keeps the first log.
     let already_started = tracing_subscriber::registry()
         .with(listener)
         .with(lines)
@@ -100,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn libraries_are_quiet_unless_they_are_named() {
+    fn libraries_are_quiet_unless_named() {
         assert_eq!(
             filter_of("debug"),
             "zenoh=warn,quinn=warn,rustls=warn,ort=warn,tract=warn,mio=warn,debug"
@@ -110,35 +116,35 @@ mod tests {
             !named.contains("zenoh=warn") && named.contains("quinn=warn"),
             "{named}"
         );
-        for asked in [
+        for requested in [
             "debug",
             "off",
             "farfield_edge=trace",
             "zenoh=info,debug",
             "ort::session[run]=info",
         ] {
-            EnvFilter::try_new(filter_of(asked)).unwrap();
+            EnvFilter::try_new(filter_of(requested)).unwrap();
         }
     }
 
     #[test]
-    fn who_asks_for_less_of_all_gets_less_of_libraries_too() {
-        for (asked, level) in [
+    fn a_lower_global_level_also_applies_to_libraries() {
+        for (requested, level) in [
             ("error", "error"),
             ("off", "off"),
             ("debug, OFF", "off"),
             ("info", "warn"),
         ] {
-            let filter = filter_of(asked);
+            let filter = filter_of(requested);
             for library in LIBRARIES {
                 let quiet = format!("{library}={level},");
-                assert!(filter.contains(&quiet), "{asked}: {filter}");
+                assert!(filter.contains(&quiet), "{requested}: {filter}");
             }
         }
     }
 
     #[test]
-    fn a_library_is_named_by_a_target_and_not_by_letters_within_another() {
+    fn a_library_is_named_by_its_target_not_by_a_substring() {
         let filter = filter_of("farfield_fusion::export=debug,farfield_proto::transport=trace");
         assert!(filter.contains("ort=warn,"), "{filter}");
         for named in ["ort", "ort=info", "ort::session=info", "ort[run]=info"] {

@@ -1,4 +1,4 @@
-//! How a node behaves as a process: what tells it to stop, what it says, its exit code.
+//! A node as a process: stop signals, messages, exit code.
 
 use std::fmt;
 use std::io::{Read as _, Write as _, stderr, stdout};
@@ -19,18 +19,19 @@ pub const EXIT_FAILED: u8 = 1;
 /// Exit code for wrong input or usage.
 pub const EXIT_REFUSED: u8 = 2;
 
-/// Handles that a process asks for at most: more than any venue needs, and few enough for programs that it starts and that
-/// go through all of them.
+/// Largest number of handles that a process requests: more than any venue needs, and small enough
+/// for child programs that loop over all of them.
 const MOST_HANDLES: u64 = 1 << 16;
-/// Handles of a node that are enough whatever strangers do: those of its links, and 256 for files, pages and cameras.
+/// Handles that are enough for a node in any case: those of its links, and 256 for files, pages and
+/// cameras.
 const ENOUGH_HANDLES: u64 = MOST_LINK_HANDLES as u64 + 256;
 
-/// How a node ended when nothing went wrong.
+/// How a node ended without an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// All ticks were worked on.
+    /// All ticks were processed.
     Done,
-    /// Someone asked it to stop.
+    /// The node was asked to stop.
     Interrupted,
 }
 
@@ -39,24 +40,24 @@ pub enum Ending {
 pub enum NodeError {
     /// Its input is wrong: exit code 2.
     Refused(anyhow::Error),
-    /// It ran, and failed: exit code 1.
+    /// It ran and failed: exit code 1.
     Failed(anyhow::Error),
 }
 
 impl NodeError {
-    /// Wraps what is wrong with the input.
+    /// Wraps an error of the input.
     pub fn refused(error: impl Into<anyhow::Error>) -> Self {
         Self::Refused(error.into())
     }
 
-    /// Wraps what went wrong at work.
+    /// Wraps an error at run time.
     pub fn failed(error: impl Into<anyhow::Error>) -> Self {
         Self::Failed(error.into())
     }
 }
 
 impl NodeError {
-    /// The exit code that says it.
+    /// The exit code of this error.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Refused(_) => EXIT_REFUSED,
@@ -72,7 +73,7 @@ impl fmt::Display for NodeError {
     }
 }
 
-/// Says on standard error what went wrong, and turns the outcome into the exit code.
+/// Prints the error to standard error and converts the outcome to the exit code.
 pub fn exit_code(outcome: Result<Ending, NodeError>) -> ExitCode {
     match outcome {
         Ok(Ending::Done) => ExitCode::SUCCESS,
@@ -84,34 +85,34 @@ pub fn exit_code(outcome: Result<Ending, NodeError>) -> ExitCode {
     }
 }
 
-/// How a command tells what went wrong.
+/// How a command reports an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Told {
-    /// In words on standard error.
-    InWords,
-    /// As JSON on standard output, too.
-    AsJson,
+pub enum ErrorFormat {
+    /// As text on standard error.
+    Text,
+    /// Also as JSON on standard output.
+    Json,
 }
 
-impl Told {
-    /// As `--json` was given or not.
+impl ErrorFormat {
+    /// The format for the value of `--json`.
     pub fn as_json_if(json: bool) -> Self {
-        if json { Self::AsJson } else { Self::InWords }
+        if json { Self::Json } else { Self::Text }
     }
 }
 
-/// [`exit_code`] of a command that may have been asked for JSON.
-pub fn exit_code_told(outcome: Result<Ending, NodeError>, told: Told) -> ExitCode {
-    if let (Err(error), Told::AsJson) = (&outcome, told) {
+/// As [`exit_code`], for a command with a `--json` flag.
+pub fn exit_code_with_format(outcome: Result<Ending, NodeError>, format: ErrorFormat) -> ExitCode {
+    if let (Err(error), ErrorFormat::Json) = (&outcome, format) {
         say_json(&error.to_string(), error.exit_code());
     }
     exit_code(outcome)
 }
 
-/// Prints an error on standard output as programs read it.
+/// Prints an error on standard output as JSON.
 pub fn say_json(error: &str, exit_code: u8) {
     let text = serde_json::json!({ "error": error, "exit_code": exit_code });
-    // A reader that has gone wants no more.
+    // The reader may be gone.
     drop(writeln!(
         stdout(),
         "{}",
@@ -119,9 +120,9 @@ pub fn say_json(error: &str, exit_code: u8) {
     ));
 }
 
-/// Says a line to whoever reads standard error. Text of others may stand in it: see [`plain_text`].
+/// Prints a line to standard error. It may contain foreign text: see [`plain_text`].
 pub fn say(line: fmt::Arguments<'_>) {
-    // `eprintln!` would panic when nobody reads any more, or the disk behind it is full.
+    // `eprintln!` would panic when standard error is closed or its disk is full.
     drop(writeln!(
         stderr(),
         "{}",
@@ -129,8 +130,8 @@ pub fn say(line: fmt::Arguments<'_>) {
     ));
 }
 
-/// Raises this process's limit of open handles (sockets, files) to what the system allows it; prints where that may be too
-/// little.
+/// Raises this process's limit of open handles (sockets, files) as far as the system allows; warns
+/// if the limit may be too low.
 pub(crate) fn raise_handle_limit() {
     let limit = getrlimit(Resource::Nofile);
     let most = limit.maximum.unwrap_or(MOST_HANDLES).min(MOST_HANDLES);
@@ -149,12 +150,12 @@ pub(crate) fn raise_handle_limit() {
     }
 }
 
-/// Cancels `stop` at SIGINT or SIGTERM, and with `managed` when standard input closes: the parent has
-/// gone, or wants the node to end.
+/// Cancels `stop` at SIGINT or SIGTERM, and with `managed` also when standard input closes, because
+/// the parent is gone or wants the node to end.
 ///
 /// # Errors
-/// When the signals cannot be listened for, or no thread starts.
-pub fn stop_when_told(
+/// When the signal handlers cannot be installed, or no thread can be started.
+pub fn stop_on_signal(
     tasks: &TaskTracker,
     stop: &CancellationToken,
     managed: Managed,
@@ -176,20 +177,21 @@ pub fn stop_when_told(
     Ok(())
 }
 
-/// Whether a parent process holds the node's standard input for as long as the node shall live.
+/// Whether a parent process keeps the node's standard input open as long as the node should live.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Managed {
-    /// Started by hand or by systemd: standard input means nothing.
+    /// Started by hand or by systemd: standard input has no meaning.
     No,
     /// Started by `farfield run`.
     Yes,
 }
 
-/// A thread of its own: a read of standard input cannot be called off, and must not hold up the end.
+/// A separate thread: a blocking read of standard input cannot be cancelled and must not delay the
+/// end.
 fn watch_parent(stop: CancellationToken) -> std::io::Result<()> {
     let watch = move || {
         let mut ignored = [0; 64];
-        // An error means the same as the end.
+        // An error counts as the end.
         while matches!(std::io::stdin().read(&mut ignored), Ok(n) if n > 0) {}
         stop.cancel();
     };

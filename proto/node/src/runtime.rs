@@ -1,4 +1,4 @@
-//! The runtime of a node, and how it ends.
+//! The runtime of a node and its shutdown.
 
 use std::time::Duration;
 
@@ -7,14 +7,14 @@ use anyhow::Context as _;
 use crate::process::{NodeError, raise_handle_limit};
 use crate::service_manager;
 
-/// How long threads of the runtime that still wait for something may take when all is done.
+/// How long threads of the runtime may still wait after the work is done.
 const SHUTDOWN: Duration = Duration::from_millis(200);
 
-/// Works `work` off on a runtime of `threads` threads, which then ends: neither a camera that gives no frame, nor a
-/// fusion that is not there, nor a congested network must hold up the end.
+/// Runs `work` on a runtime of `threads` threads, which then shuts down. A camera without frames,
+/// an absent fusion or a congested network does not delay the end.
 ///
 /// # Errors
-/// As `work`, and [`NodeError::Failed`] when the system has no thread left.
+/// As `work`, and [`NodeError::Failed`] when no thread can be started.
 pub fn block_on<T>(
     threads: usize,
     work: impl Future<Output = Result<T, NodeError>>,

@@ -1,5 +1,5 @@
-//! What a node tells systemd: that it has started, what it does now, and that its work goes on. Without `NOTIFY_SOCKET` it tells
-//! nothing. Other service managers speak the same protocol.
+//! Reports to systemd: start, current work, and signs of life. Without `NOTIFY_SOCKET` nothing is
+//! sent. Other service managers use the same protocol.
 
 use std::convert::Infallible;
 use std::future::pending;
@@ -12,18 +12,20 @@ use tokio::time::{MissedTickBehavior, interval};
 
 use crate::clock;
 
-/// When the work went on last; `None`: the node waits for others, and no work is due. A process has one service manager.
+/// When the work last made progress; `None` while the node waits for others and has no work. A
+/// process has one service manager.
 static WORKED: Mutex<Option<Instant>> = Mutex::new(None);
 
-/// Sends so many signs of life in the time (`WatchdogSec`) that is allowed between two.
+/// Signs of life per watchdog period (`WatchdogSec`).
 const SIGNS_OF_LIFE: u32 = 4;
 
-/// Notes that the work goes on. When it was not noted for half of `WatchdogSec`, the node gives no more signs of life.
+/// Notes progress of the work. Without progress for half of `WatchdogSec`, the node sends no more
+/// signs of life.
 pub fn note_work() {
     *worked() = Some(clock::now());
 }
 
-/// Notes that the work is over: what is left to do may take its time.
+/// Notes the end of the work; the rest may take any time.
 pub fn end_work() {
     *worked() = None;
 }
@@ -32,12 +34,12 @@ fn worked() -> MutexGuard<'static, Option<Instant>> {
     WORKED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Says in a line what the node does: `systemctl status` shows it.
+/// Reports in a line what the node does, for `systemctl status`.
 pub fn tell(line: &str) {
     send(NotifyState::Status(&plain_text::one_line(line)));
 }
 
-/// Says that the node has started and, as long as it is polled, that it lives.
+/// Reports the start and, as long as it is polled, signs of life.
 pub(crate) async fn watch() -> Infallible {
     send(NotifyState::Ready);
     let Some(allowed) = sd_notify::watchdog_enabled() else {
@@ -54,12 +56,12 @@ pub(crate) async fn watch() -> Infallible {
     }
 }
 
-/// Whether the node lives at `now`: it waits, or its work went on a short while ago.
+/// Whether the node is alive at `now`: it waits, or its work made progress recently.
 fn goes_on(worked: Option<Instant>, now: Instant, allowed: Duration) -> bool {
     worked.is_none_or(|worked| now.saturating_duration_since(worked) < allowed)
 }
 
-/// A service manager that has gone needs to know nothing.
+/// Errors are ignored, because a service manager that is gone needs no report.
 fn send(state: NotifyState<'_>) {
     drop(sd_notify::notify(&[state]));
 }
@@ -69,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_waits_lives_and_whose_work_stands_still_does_not() {
+    fn a_waiting_node_is_alive_and_a_stalled_one_is_not() {
         let (now, allowed) = (
             clock::now() + Duration::from_mins(1),
             Duration::from_secs(15),

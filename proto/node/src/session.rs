@@ -1,6 +1,7 @@
-//! The Zenoh session of a node: opened as [`farfield_proto::transport`] says, and what is declared on it.
+//! The Zenoh session of a node, configured by [`farfield_proto::transport`], and its declarations.
 //!
-//! Nothing is scouted for: fusion listens, everybody else connects to it, at the endpoints of the venue file.
+//! There is no scouting: fusion listens at the endpoints of the venue file, and all other nodes
+//! connect to it.
 
 use std::thread;
 
@@ -16,30 +17,33 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait as _};
 
-/// A subscription of which nothing is lost: what waits, waits in order.
+/// A lossless subscription: messages wait in order.
 pub type FifoSubscriber = Subscriber<FifoChannelHandler<Sample>>;
 
-/// What becomes of a message that cannot go at once, or gets lost on its way.
+/// How a message is treated that cannot be sent at once or is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// It waits for room, which blocks the thread that sends it, and is sent again: lock-step must lose nothing.
+    /// It waits for room, which blocks the sending thread, and is sent again: lock-step must lose
+    /// nothing.
     Blocking,
-    /// Dropped where there is no room now, sent again when lost: what would be missed for a second.
+    /// Dropped if there is no room now, sent again when lost: for messages that would be missed for
+    /// a second.
     Reliable,
-    /// Dropped where there is no room now, and not sent again: the next is better.
+    /// Dropped if there is no room now, and not sent again: the next message is better.
     BestEffort,
-    /// As [`Self::Reliable`], behind everything else that waits: what is large, and no pose is made of.
+    /// As [`Self::Reliable`], with the lowest priority: for large messages that no pose depends on.
     Leisurely,
 }
 
-/// A session with fusion, waited for as long as it takes; who no longer waits leaves nothing behind that holds the runtime.
+/// Opens a session with fusion, and waits as long as necessary. A cancelled call leaves nothing
+/// behind that blocks the runtime.
 ///
 /// # Errors
-/// When Zenoh refuses a setting, or cannot open the session: names the endpoints.
+/// When Zenoh refuses a setting, or cannot open the session; with the endpoints.
 pub async fn connect(transport: &EdgeTransport<'_>) -> anyhow::Result<Session> {
     let config = config(transport.settings())?;
-    // Opening blocks its thread until fusion is there. A thread of its own can be left behind, where the runtime would
-    // wait for one of its own when it ends.
+    // Opening blocks its thread until fusion answers. A plain thread can be left behind, but the
+    // runtime would wait for one of its own threads at its end.
     let (opened, session) = tokio::sync::oneshot::channel();
     thread::Builder::new()
         .name("connect".to_owned())
@@ -50,10 +54,10 @@ pub async fn connect(transport: &EdgeTransport<'_>) -> anyhow::Result<Session> {
     session.with_context(|| format!("connecting to {}", transport.connect.join(", ")))
 }
 
-/// The session that everybody else connects to.
+/// Opens the session to which all other nodes connect.
 ///
 /// # Errors
-/// When Zenoh refuses a setting, or an endpoint cannot be listened on: names the endpoints.
+/// When Zenoh refuses a setting, or cannot listen at an endpoint; with the endpoints.
 pub async fn listen(transport: &FusionTransport<'_>) -> anyhow::Result<Session> {
     let config = config(transport.settings())?;
     let session = zenoh::open(config).await.map_err(zenoh_error);
@@ -70,23 +74,24 @@ pub async fn listen(transport: &FusionTransport<'_>) -> anyhow::Result<Session> 
     })
 }
 
-/// Whether a place to listen at could not be had because another process has it.
+/// Whether listening failed because another process uses the endpoint.
 pub fn is_taken(error: &anyhow::Error) -> bool {
-    // Zenoh has no kind for it.
+    // Zenoh has no error kind for it.
     error.to_string().contains("in use")
 }
 
-/// Closes `session`; that it did not go well is logged.
+/// Closes `session`; a failure is logged.
 pub async fn close(session: &Session) {
     if let Err(error) = session.close().await {
         warn!(%error, "the session did not close well");
     }
 }
 
-/// Declares a publisher of `key`. All that a tick needs has the same priority, and is not put in order by it.
+/// Declares a publisher of `key`. All messages that a tick needs have the same priority, so that it
+/// does not change their order.
 ///
 /// # Errors
-/// What Zenoh says.
+/// Zenoh's error.
 pub async fn publisher(
     session: &Session,
     key: String,
@@ -116,22 +121,22 @@ pub async fn publisher(
         .with_context(|| format!("declaring the publisher of {key}"))
 }
 
-/// Puts a status: beside its bytes stands the newest version of messages that this node reads, for
-/// [`farfield_proto::wire::SpokenVersion`]. Nodes that know nothing of it leave it unread.
+/// Publishes a status. Its attachment is the newest message version that this node reads, for
+/// [`farfield_proto::wire::SpokenVersion`]. Older nodes ignore it.
 ///
 /// # Errors
-/// What Zenoh says.
+/// Zenoh's error.
 pub fn put_status(publisher: &Publisher<'_>, bytes: Vec<u8>) -> zenoh::Result<()> {
     publisher.put(bytes).attachment(vec![VERSION]).wait()
 }
 
-/// What the node of a status reads at most, if it says so.
+/// The newest message version that the sender of a status reads, if it is attached.
 pub fn reads_at_most(status: &Sample) -> Option<u8> {
     let attachment = status.attachment()?.to_bytes();
     attachment.first().copied()
 }
 
-/// Whether somebody listens to what `publisher` says.
+/// Whether `publisher` has a subscriber.
 pub fn has_listener(publisher: &Publisher<'_>) -> bool {
     publisher
         .matching_status()
@@ -139,10 +144,10 @@ pub fn has_listener(publisher: &Publisher<'_>) -> bool {
         .is_ok_and(|status| status.matching())
 }
 
-/// Subscribes to `key`; up to `queue` messages wait, then Zenoh stops reading, and senders wait.
+/// Subscribes to `key`. Up to `queue` messages wait; then Zenoh stops reading, and senders wait.
 ///
 /// # Errors
-/// What Zenoh says.
+/// Zenoh's error.
 pub async fn subscriber(
     session: &Session,
     key: String,
@@ -157,10 +162,10 @@ pub async fn subscriber(
         .with_context(|| format!("subscribing to {key}"))
 }
 
-/// Subscribes to who is there under `key`, those first who are there already.
+/// Subscribes to the liveliness tokens under `key`, including those that already exist.
 ///
 /// # Errors
-/// What Zenoh says.
+/// Zenoh's error.
 pub async fn liveliness(
     session: &Session,
     key: String,
@@ -177,10 +182,10 @@ pub async fn liveliness(
         .with_context(|| format!("watching {key}"))
 }
 
-/// Says under `key` that this node is there, until the token or the session goes.
+/// Declares under `key` that this node is alive, until the token or the session is dropped.
 ///
 /// # Errors
-/// What Zenoh says.
+/// Zenoh's error.
 pub async fn declare_alive(session: &Session, key: String) -> anyhow::Result<LivelinessToken> {
     let declared = session.liveliness().declare_token(key).await;
     declared.map_err(zenoh_error)
@@ -197,7 +202,7 @@ fn config(settings: Vec<ZenohSetting>) -> anyhow::Result<zenoh::Config> {
     Ok(config)
 }
 
-/// What Zenoh says, as an error of ours.
+/// Converts an error of Zenoh.
 #[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
 pub fn zenoh_error(error: zenoh::Error) -> anyhow::Error {
     anyhow!(without_places(&error.to_string()))

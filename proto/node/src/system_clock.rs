@@ -1,33 +1,31 @@
-//! What the system says of its clock: whether NTP or PTP keeps it right, and how wrong it may be.
+//! The state of the system's clock: whether NTP or PTP synchronises it, and its maximum error.
 
 use farfield_proto::message::health::SystemClock;
 
-/// Asks the kernel, as chrony, ntpd, systemd-timesyncd and phc2sys have left word there. A system that cannot be asked has
-/// a clock that nothing keeps right. [`SystemClock::ahead_us`] is left at 0.
+/// Reads the state from the kernel, where chrony, ntpd, systemd-timesyncd and phc2sys store it. If
+/// the kernel cannot be queried, the clock counts as not synchronised. [`SystemClock::ahead_us`] is
+/// 0.
 #[cfg(target_os = "linux")]
 pub fn read() -> SystemClock {
     // SAFETY: all fields of `timex` are integers, for which zero is a value.
     #[expect(
         unsafe_code,
-        reason = "the kernel is asked by a structure of integers, zeroed as its manual wants it"
+        reason = "the kernel's interface is a structure of integers, zeroed as its manual requires"
     )]
-    let mut asked: libc::timex = unsafe { std::mem::zeroed() };
+    let mut timex: libc::timex = unsafe { std::mem::zeroed() };
     // SAFETY: the pointer is to a live structure; with `modes` 0 the kernel only fills it in.
-    #[expect(
-        unsafe_code,
-        reason = "no safe wrapper of adjtimex(2) is kept by anybody"
-    )]
-    let state = unsafe { libc::adjtimex(&raw mut asked) };
+    #[expect(unsafe_code, reason = "no maintained crate wraps adjtimex(2) safely")]
+    let state = unsafe { libc::adjtimex(&raw mut timex) };
     let synchronised =
-        state >= 0 && state != libc::TIME_ERROR && asked.status & libc::STA_UNSYNC == 0;
+        state >= 0 && state != libc::TIME_ERROR && timex.status & libc::STA_UNSYNC == 0;
     SystemClock {
         synchronised,
-        max_error_us: u32::try_from(asked.maxerror).ok().filter(|_| synchronised),
+        max_error_us: u32::try_from(timex.maxerror).ok().filter(|_| synchronised),
         ahead_us: 0,
     }
 }
 
-/// A system that cannot be asked has a clock that nothing keeps right.
+/// A system without this interface counts as not synchronised.
 #[cfg(not(target_os = "linux"))]
 pub fn read() -> SystemClock {
     SystemClock::default()
@@ -38,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_clock_that_nothing_sets_has_no_bound() {
+    fn an_unsynchronised_clock_has_no_error_bound() {
         let clock = read();
         assert!(clock.synchronised || clock.max_error_us.is_none());
         assert_eq!(clock.ahead_us, 0);

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, ensure};
 use farfield_node::files::{load_identity, load_venue};
-use farfield_node::process::{Managed, NodeError, say, stop_when_told};
+use farfield_node::process::{Managed, NodeError, say, stop_on_signal};
 use farfield_node::{clock, keys, runtime, session};
 use farfield_proto::message::handout::{FileKind, FileList, SharedFile};
 use farfield_proto::transport::{EdgeTransport, Exposure, Identity};
@@ -51,7 +51,7 @@ pub(super) fn fetch(args: &EdgeArgs) -> Result<bool, NodeError> {
         } else {
             Managed::No
         };
-        stop_when_told(&tasks, &stop, managed)
+        stop_on_signal(&tasks, &stop, managed)
             .context("listening for signals")
             .map_err(NodeError::Failed)?;
         let fetched = stop.run_until_cancelled(fetch_by(args, &contact)).await;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf, is_separator};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use farfield_node::clock;
-use farfield_node::files::in_place_of_folder;
+use farfield_node::files::obstacle_of_folder;
 
 use crate::export::EDITS;
 use crate::node::output::claim::is_written_to;
@@ -30,7 +30,7 @@ pub fn is_for_many(path: &Path) -> bool {
 pub fn check_place(path: &Path) -> anyhow::Result<()> {
     let shown = path.display();
     if is_for_many(path) {
-        if let Some(file) = in_place_of_folder(path) {
+        if let Some(file) = obstacle_of_folder(path) {
             bail!(
                 "recordings in {shown}: {} is a file, expected a folder",
                 file.display()

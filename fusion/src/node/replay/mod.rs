@@ -13,7 +13,9 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use farfield_node::clock;
 use farfield_node::log::start_log;
-use farfield_node::process::{Ending, Managed, NodeError, Told, exit_code_told, stop_when_told};
+use farfield_node::process::{
+    Ending, ErrorFormat, Managed, NodeError, exit_code_with_format, stop_on_signal,
+};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -82,7 +84,10 @@ pub fn main(
     print: fn(&str) -> anyhow::Result<()>,
 ) -> ExitCode {
     start_log();
-    exit_code_told(replay(args, listeners, print), Told::as_json_if(args.json))
+    exit_code_with_format(
+        replay(args, listeners, print),
+        ErrorFormat::as_json_if(args.json),
+    )
 }
 
 fn replay(
@@ -212,7 +217,7 @@ fn watch_signals() -> anyhow::Result<(CancellationToken, tokio::runtime::Runtime
         .context("starting the runtime")?;
     let (tasks, stop) = (TaskTracker::new(), CancellationToken::new());
     let entered = runtime.enter();
-    stop_when_told(&tasks, &stop, Managed::No).context("listening for signals")?;
+    stop_on_signal(&tasks, &stop, Managed::No).context("listening for signals")?;
     drop(entered);
     Ok((stop, runtime))
 }
