@@ -1,7 +1,7 @@
-//! Reading TOML so that every refusal names the file, the line and the field.
+//! Reads TOML so that every error names the file, the line and the field.
 //!
-//! [`TomlFile::read`] turns the text into a typed value and explains what serde found wrong;
-//! [`TomlFile::error`] does the same for what a later check finds.
+//! [`TomlFile::read`] converts the text to a typed value and explains serde's errors.
+//! [`TomlFile::error`] does the same for the errors of later checks.
 
 use std::fmt::{self, Write as _};
 use std::io;
@@ -14,23 +14,23 @@ use toml::de::{DeTable, DeValue};
 
 use crate::plain_text;
 
-/// What is wrong in a file, and where.
+/// An error in a file, with its place.
 ///
-/// Reads as ``hall.toml:12: `rate_hz`: found -3, expected a number above 0``.
+/// Format: ``hall.toml:12: `rate_hz`: found -3, expected a number above 0``.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileError {
-    /// The file as it was named by the caller.
+    /// The path as given by the caller.
     pub path: PathBuf,
-    /// Line, from 1, where it is known.
+    /// Line, from 1, if known.
     pub line: Option<usize>,
-    /// The field, from the file's root, where there is one.
+    /// The field, from the file's root, if any.
     pub field: Option<String>,
-    /// What was found and what was expected.
+    /// Found and expected value.
     pub problem: String,
 }
 
 impl FileError {
-    /// A problem with the file as a whole.
+    /// An error of the file as a whole.
     pub fn new(path: impl Into<PathBuf>, problem: impl Into<String>) -> Self {
         Self {
             path: path.into(),
@@ -40,7 +40,7 @@ impl FileError {
         }
     }
 
-    /// The same, said of one field.
+    /// The same error for one field.
     #[must_use]
     pub fn at_field(self, field: impl Into<String>) -> Self {
         Self {
@@ -49,7 +49,7 @@ impl FileError {
         }
     }
 
-    /// The same, said of one line (from 1).
+    /// The same error for one line (from 1).
     #[must_use]
     pub fn at_line(self, line: usize) -> Self {
         Self {
@@ -69,15 +69,15 @@ impl fmt::Display for FileError {
             write!(text, ": `{field}`")?;
         }
         write!(text, ": {}", self.problem)?;
-        // The file may quote anything.
+        // The file may contain any text.
         f.write_str(&plain_text::one_line(&text))
     }
 }
 
 impl std::error::Error for FileError {}
 
-/// Why a text file could not be read, where `expected` says what it should be: the system's words for a folder or for bytes that are
-/// no text do not say what was wrong with the name that was given.
+/// Why a text file could not be read; `expected` describes it. The system's messages for a folder,
+/// or for bytes that are not text, do not explain what was wrong with the given name.
 pub fn unread(error: &io::Error, expected: &str) -> String {
     match error.kind() {
         io::ErrorKind::InvalidData => format!("found bytes that are no text, expected {expected}"),
@@ -93,7 +93,7 @@ enum Step {
     Index(usize),
 }
 
-/// Where in a TOML file a value stands: `viewpoint[0].camera[1].name`.
+/// The place of a value in a TOML file: `viewpoint[0].camera[1].name`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Place {
     steps: Vec<Step>,
@@ -137,7 +137,7 @@ impl fmt::Display for Place {
     }
 }
 
-/// A TOML text whose syntax is right, with the place of every value in it.
+/// A syntactically valid TOML text, with the place of every value.
 pub struct TomlFile<'a> {
     path: &'a Path,
     text: &'a str,
@@ -145,7 +145,7 @@ pub struct TomlFile<'a> {
 }
 
 impl<'a> TomlFile<'a> {
-    /// Reads the syntax of `text`; `path` is only named in errors.
+    /// Parses the syntax of `text`; errors name `path`.
     ///
     /// # Errors
     /// [`FileError`] with the line when the text is not TOML.
@@ -163,7 +163,7 @@ impl<'a> TomlFile<'a> {
         }
     }
 
-    /// The file as it was named by the caller.
+    /// The path as given by the caller.
     pub fn path(&self) -> &'a Path {
         self.path
     }
@@ -173,7 +173,7 @@ impl<'a> TomlFile<'a> {
         blake3::hash(self.text.as_bytes()).to_hex()[..16].to_owned()
     }
 
-    /// `name` against the folder of this file, as paths inside it are meant.
+    /// `name` relative to the folder of this file.
     pub fn resolve(&self, name: &str) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(name)
     }
@@ -187,7 +187,7 @@ impl<'a> TomlFile<'a> {
         toml::from_str(self.text).map_err(|error| self.explain(&error))
     }
 
-    /// A problem with the value at `place`; the line is that of the innermost part that exists.
+    /// An error of the value at `place`; the line is that of the innermost part that exists.
     pub fn error(&self, place: &Place, problem: impl Into<String>) -> FileError {
         let error = FileError::new(self.path, problem).at_field(place.to_string());
         FileError {
@@ -296,11 +296,11 @@ pub fn unknown_name(kind: &str, name: &str, known: &[&str]) -> String {
     }
 }
 
-/// Letters of a name for each that may be wrong in it: one in a name of four, three in one of nine.
+/// One letter may be wrong for each so many letters: one in a name of four, three in one of nine.
 const LETTERS_PER_SLIP: usize = 3;
 
-/// The one of `known` that `name` can stand for: the same letters with other signs or capitals, a name with a whole word more or
-/// less (`rate` for `rate_hz`), or a misspelling.
+/// The one of `known` that `name` probably means: the same letters with other punctuation or
+/// capitals, a name with one word more or less (`rate` for `rate_hz`), or a misspelling.
 pub fn nearest<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
     known
         .iter()
@@ -309,7 +309,8 @@ pub fn nearest<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
         .map(|(_, nearest)| nearest)
 }
 
-/// How far `known` is from `name`: the kind of difference, then its size. `None` where they have nothing to do with each other.
+/// The distance of `known` from `name`: the kind of difference, then its size. `None` if they are
+/// unrelated.
 fn distance(name: &str, known: &str) -> Option<(u8, usize)> {
     let plain = |text: &str| -> String {
         let letters = text.chars().filter(|c| c.is_alphanumeric());
@@ -331,7 +332,7 @@ fn distance(name: &str, known: &str) -> Option<(u8, usize)> {
     (apart <= 1.max(letters / LETTERS_PER_SLIP) && apart < letters).then_some((2, apart))
 }
 
-/// The names between backquotes in one of serde's messages.
+/// The names in backquotes in a message of serde.
 fn backquoted(message: &str) -> Vec<&str> {
     message.split('`').skip(1).step_by(2).collect()
 }
@@ -350,9 +351,9 @@ fn line_of(text: &str, offset: usize) -> usize {
     1 + text.bytes().take(offset).filter(|&b| b == b'\n').count()
 }
 
-/// The innermost field under `table`, which stands at `around`, whose key or value covers `span`.
+/// The innermost field under `table`, which is at `around`, whose key or value covers `span`.
 ///
-/// A table's own span may be its header alone, so every table is looked into.
+/// A table's own span may be its header alone, so every table is searched.
 fn find_in_table(table: &DeTable<'_>, around: &Place, span: &Range<usize>) -> Option<Place> {
     table.iter().find_map(|(key, value)| {
         let place = around.key(key.get_ref());

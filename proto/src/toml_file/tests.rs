@@ -1,4 +1,4 @@
-//! What is said of a TOML file that is wrong.
+//! The errors of invalid TOML files.
 
 use serde::Deserialize;
 
@@ -29,7 +29,7 @@ fn refusal(text: &str) -> String {
 }
 
 #[test]
-fn an_unknown_field_is_answered_with_the_nearest_name() {
+fn an_unknown_field_is_refused_with_the_nearest_name() {
     let message = refusal("rate_hz = 60\n[[room]]\nname = \"a\"\nsize = [1, 2]\n");
     assert_eq!(
         message,
@@ -48,7 +48,7 @@ fn an_unknown_field_is_answered_with_the_nearest_name() {
 }
 
 #[test]
-fn a_name_is_answered_with_one_that_it_can_stand_for_and_with_no_other() {
+fn only_similar_names_are_suggested() {
     let venue = ["name", "rate_hz", "calibration", "field", "first_tick"];
     for (name, expected) in [
         ("rate", Some("rate_hz")),
@@ -93,7 +93,7 @@ fn broken_syntax_is_named_with_its_line() {
 }
 
 #[test]
-fn a_later_check_finds_the_line_of_its_field() {
+fn a_later_check_reports_the_line_of_its_field() {
     let text = "rate_hz = 60\n[[room]]\nname = \"a\"\n[[room]]\nname = \"a\"\nsize_m = [0,\n 1]\n";
     let file = TomlFile::parse(text, Path::new("hall.toml")).unwrap();
     let second = Place::field("room").index(1);

@@ -1,8 +1,9 @@
-//! Which node may publish, subscribe, query and answer on which keys, as Zenoh's access control: everything else is
-//! denied.
+//! Zenoh's access control: which node may publish, subscribe, query and answer on which keys.
+//! Everything else is denied.
 //!
-//! A node is known by the common name of its certificate, which stands for exactly one node, and says of which generation
-//! it is: an older one is denied everything. Directions are those of the node that the rules are for: `ingress` comes in.
+//! A node is identified by the common name of its certificate. The name belongs to exactly one node
+//! and contains a generation; older generations are denied everything. Directions are those of the
+//! node with the rules: `ingress` is incoming.
 
 use super::ZenohSetting;
 use super::generations::{AHEAD, BEHIND, Generations};
@@ -11,14 +12,16 @@ use crate::key::Keys;
 
 /// Fusion's name among the nodes.
 pub const FUSION: &str = "fusion";
-/// What the common names of all readers begin with: they may subscribe to poses, events and statuses, and publish nothing.
+/// Prefix of all readers' common names: they may subscribe to poses, events and statuses, and
+/// publish nothing.
 pub const READER: &str = "reader";
 
 /// The recorder node's name: it may subscribe to everything but thumbnails, and publishes nothing.
 pub const RECORDER: &str = "recorder";
 
-/// The common name in the certificate of `node`, of this generation: under the venue's name, so that an authority that
-/// serves two venues lets no node into the other one. Of generation 0 are those that were made before they were counted.
+/// The common name in the certificate of `node` of this generation. It contains the venue's name,
+/// so that an authority for two venues admits no node to the other one. Generation 0 is for
+/// certificates made before generations were counted.
 pub fn common_name(venue: &str, node: &str, generation: u32) -> String {
     match generation {
         0 => format!("{venue}/{node}"),
@@ -26,7 +29,7 @@ pub fn common_name(venue: &str, node: &str, generation: u32) -> String {
     }
 }
 
-/// Of which node and generation a certificate of this common name is.
+/// Node and generation of a common name.
 pub fn generation_of(common_name: &str) -> Option<(&str, u32)> {
     let (_, node) = common_name.split_once('/')?;
     match node.rsplit_once('/') {
@@ -41,23 +44,23 @@ pub fn generation_of(common_name: &str) -> Option<(&str, u32)> {
     }
 }
 
-/// The reader `name` among the nodes, for [`common_name`].
+/// The node name of the reader `name`, for [`common_name`].
 pub fn reader(name: &str) -> String {
     format!("{READER}/{name}")
 }
 
-/// The common names of `node` that are admitted where `newest` is the newest generation that is known.
+/// The admitted common names of `node`, if `newest` is the newest known generation.
 fn admitted(venue: &str, node: &str, newest: u32) -> impl Iterator<Item = String> {
     (newest..=newest + AHEAD).map(move |generation| common_name(venue, node, generation))
 }
 
-/// Those that are too old.
+/// The outdated common names.
 fn outdated(venue: &str, node: &str, newest: u32) -> impl Iterator<Item = String> {
     (newest.saturating_sub(BEHIND)..newest)
         .map(move |generation| common_name(venue, node, generation))
 }
 
-/// All kinds of messages that Zenoh's access control knows.
+/// All message kinds of Zenoh's access control.
 const ALL_MESSAGES: [&str; 9] = [
     "put",
     "delete",
@@ -76,7 +79,7 @@ const WATCH_TOKENS: [&str; 2] = ["declare_liveliness_subscriber", "liveliness_qu
 const QUERY: [&str; 1] = ["query"];
 const ANSWER: [&str; 2] = ["reply", "declare_queryable"];
 
-/// One allowance, or a refusal, which counts more.
+/// A permission, or a denial, which has priority.
 struct Rule<'a> {
     permission: &'static str,
     flow: &'static str,
@@ -84,7 +87,7 @@ struct Rule<'a> {
     keys: Vec<String>,
 }
 
-/// Rules that come in and rules that go out.
+/// Incoming and outgoing rules.
 fn rules<const N: usize, const M: usize>(
     ingress: [(&'static [&'static str], Vec<String>); N],
     egress: [(&'static [&'static str], Vec<String>); M],
@@ -103,8 +106,8 @@ fn rules<const N: usize, const M: usize>(
         .collect()
 }
 
-/// What a viewpoint may do at fusion.
-fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
+/// Permissions of a viewpoint at fusion.
+fn edge_rules(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
     let published = vec![
         keys.patch(viewpoint),
         keys.sighting(viewpoint),
@@ -140,8 +143,8 @@ fn of_edge(keys: &Keys, viewpoint: &str) -> Vec<Rule<'static>> {
     )
 }
 
-/// What a reader may do at fusion.
-fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
+/// Permissions of a reader at fusion.
+fn reader_rules(keys: &Keys) -> Vec<Rule<'static>> {
     let received = vec![
         keys.pose(),
         keys.smooth(),
@@ -161,8 +164,8 @@ fn of_reader(keys: &Keys) -> Vec<Rule<'static>> {
     )
 }
 
-/// What the recorder may do at fusion: it gets everything but pictures.
-fn of_recorder(keys: &Keys) -> Vec<Rule<'static>> {
+/// Permissions of the recorder at fusion: everything but pictures.
+fn recorder_rules(keys: &Keys) -> Vec<Rule<'static>> {
     let mut rules = rules(
         [
             (&SUBSCRIBE, vec![keys.all()]),
@@ -182,8 +185,9 @@ fn of_recorder(keys: &Keys) -> Vec<Rule<'static>> {
     rules
 }
 
-/// What another fusion of the venue may do at fusion: find out that there is one, and which.
-fn of_other_fusion(keys: &Keys) -> Vec<Rule<'static>> {
+/// Permissions of another fusion of the venue at fusion: only to detect that there is one, and
+/// which.
+fn other_fusion_rules(keys: &Keys) -> Vec<Rule<'static>> {
     let (status, alive) = (vec![keys.status(FUSION)], vec![keys.alive(FUSION)]);
     rules(
         [(&SUBSCRIBE, status.clone()), (&WATCH_TOKENS, alive.clone())],
@@ -191,16 +195,16 @@ fn of_other_fusion(keys: &Keys) -> Vec<Rule<'static>> {
     )
 }
 
-/// Who certain common names stand for, and what they may do.
+/// A group of common names and its permissions.
 struct Subject {
-    /// How it is called among the settings.
+    /// Its id in the settings.
     id: String,
-    /// Of these certificates.
+    /// Common names of its certificates.
     names: Vec<String>,
     rules: Vec<Rule<'static>>,
 }
 
-/// The certificates of `node` that are admitted, with what they may do; and those that are too old.
+/// The admitted certificates of `node` with their permissions, and the outdated ones.
 fn subject(
     venue: &str,
     node: &str,
@@ -217,7 +221,8 @@ fn subject(
     }
 }
 
-/// The same for all readers: each has a name of its own, but for those that were made before generations were counted.
+/// As [`subject`], for all readers: each has its own name, except for those made before generations
+/// were counted.
 fn readers(
     venue: &str,
     viewpoints: &[&str],
@@ -254,22 +259,22 @@ pub(super) fn at_fusion(
     let mut of = |node: &str, rules| subject(venue, node, generations, rules, &mut old);
     let mut subjects: Vec<Subject> = viewpoints
         .iter()
-        .map(|viewpoint| of(viewpoint, of_edge(&keys, viewpoint)))
+        .map(|viewpoint| of(viewpoint, edge_rules(&keys, viewpoint)))
         .collect();
-    subjects.push(of(FUSION, of_other_fusion(&keys)));
-    subjects.push(of(RECORDER, of_recorder(&keys)));
+    subjects.push(of(FUSION, other_fusion_rules(&keys)));
+    subjects.push(of(RECORDER, recorder_rules(&keys)));
     subjects.push(readers(
         venue,
         viewpoints,
         generations,
-        of_reader(&keys),
+        reader_rules(&keys),
         &mut old,
     ));
     setting(venue, &subjects, &old)
 }
 
-/// The access control of a fusion without keys: everybody may do all, but pictures of cameras go no farther than fusion
-/// itself, whoever asks for them.
+/// The access control of a fusion without keys: every node may do everything, but pictures of
+/// cameras are not sent beyond fusion.
 pub(super) fn pictures_end_here(venue: &str) -> ZenohSetting {
     let value = format!(
         "{{enabled:true,default_permission:\"allow\",rules:[{{id:\"pictures\",permission:\"deny\",flows:[\"egress\"],\
@@ -289,7 +294,8 @@ pub(super) fn at_edge(venue: &str, generations: &Generations) -> ZenohSetting {
     setting(venue, &[fusion], &old)
 }
 
-/// `old` are names that may do nothing: without a subject of their own Zenoh does not say whom it denies something.
+/// `old` names may do nothing. Without a subject of their own, Zenoh does not report which name it
+/// denies.
 fn setting(venue: &str, subjects: &[Subject], old: &[String]) -> ZenohSetting {
     let (mut rules, mut names, mut policies) = (Vec::new(), Vec::new(), Vec::new());
     let mut add = |id: &str, of: &[String], own: &[Rule<'_>]| {
@@ -342,7 +348,7 @@ mod tests {
     #[test]
     fn an_edge_publishes_under_its_own_name_only() {
         let keys = Keys::new("hall");
-        for rule in of_edge(&keys, "ne") {
+        for rule in edge_rules(&keys, "ne") {
             if rule.flow == "ingress" && rule.messages == PUBLISH {
                 assert_eq!(
                     rule.keys,
@@ -369,9 +375,9 @@ mod tests {
                     .all(|m| SUBSCRIBE.contains(m) || WATCH_TOKENS.contains(m))
         };
         let keys = Keys::new("hall");
-        assert!(!of_reader(&keys).iter().any(publishes));
-        assert!(!of_recorder(&keys).iter().any(publishes));
-        assert!(!of_other_fusion(&keys).iter().any(publishes));
+        assert!(!reader_rules(&keys).iter().any(publishes));
+        assert!(!recorder_rules(&keys).iter().any(publishes));
+        assert!(!other_fusion_rules(&keys).iter().any(publishes));
     }
 
     #[test]
@@ -383,12 +389,12 @@ mod tests {
                 .filter(|rule| rule.flow == "egress" && rule.messages == PUBLISH);
             published.any(|rule| rule.keys.contains(&keys.event()))
         };
-        assert!(publishes(of_reader(&keys)));
-        assert!(!publishes(of_edge(&keys, "ne")));
+        assert!(publishes(reader_rules(&keys)));
+        assert!(!publishes(edge_rules(&keys, "ne")));
     }
 
     #[test]
-    fn thumbnails_go_to_nobody_but_fusion_itself() {
+    fn only_fusion_receives_thumbnails() {
         let keys = Keys::new("hall");
         let sent = |rules: Vec<Rule<'_>>| -> Vec<(&str, Vec<String>)> {
             let out = |rule: &Rule<'_>| rule.flow == "egress" && rule.messages == PUBLISH;
@@ -396,9 +402,9 @@ mod tests {
             out.map(|rule| (rule.permission, rule.keys)).collect()
         };
         let others = [
-            of_edge(&keys, "ne"),
-            of_reader(&keys),
-            of_other_fusion(&keys),
+            edge_rules(&keys, "ne"),
+            reader_rules(&keys),
+            other_fusion_rules(&keys),
         ];
         for (_, keys) in others.into_iter().flat_map(sent) {
             assert!(
@@ -406,13 +412,13 @@ mod tests {
                     .all(|key| !key.contains("thumbnail") && !key.contains("**"))
             );
         }
-        // What the recorder gets is all but them: what is denied counts more.
-        let recorder = sent(of_recorder(&keys));
+        // The recorder gets everything else; a denial has priority.
+        let recorder = sent(recorder_rules(&keys));
         assert!(recorder.contains(&("deny", vec!["hall/thumbnail/*".to_owned()])));
     }
 
     #[test]
-    fn names_of_one_venue_are_none_of_another() {
+    fn names_of_one_venue_are_not_valid_in_another() {
         let (_, access) = at_fusion("hall", &["ne"], &Generations::default());
         assert!(access.contains(r#"["hall/ne","hall/ne/1","#), "{access}");
         assert!(access.contains(r#"["hall/reader"]"#), "{access}");
@@ -427,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_newest_generation_of_a_node_is_admitted_and_what_the_authority_makes_after_it() {
+    fn only_the_newest_and_later_generations_are_admitted() {
         let mut generations = Generations::default();
         for node in ["fusion", "ne", "ne", "screen", "screen"] {
             generations.renew(node);
@@ -445,7 +451,7 @@ mod tests {
     }
 
     #[test]
-    fn a_common_name_says_of_which_generation_it_is() {
+    fn a_common_name_contains_its_generation() {
         for (node, generation) in [("ne", 0), ("ne", 7), ("fusion", 1)] {
             let name = common_name("hall", node, generation);
             assert_eq!(generation_of(&name), Some((node, generation)));

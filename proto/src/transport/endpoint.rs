@@ -1,12 +1,12 @@
-//! Where a node listens or connects to, as text: `tcp/127.0.0.1:7447`.
+//! Endpoints to listen at or connect to, as text: `tcp/127.0.0.1:7447`.
 
 use core::net::IpAddr;
 
-/// The protocols that nodes may use; Zenoh is built with these alone.
+/// The allowed protocols; Zenoh is built with only these.
 const SCHEMES: [&str; 4] = ["tcp", "udp", "tls", "quic"];
 
-/// Whether `text` is an endpoint: a scheme, `/`, a host and a port, and perhaps options of Zenoh behind
-/// `?` or `#`. An IPv6 address stands in brackets. Whether the host exists only the network can tell.
+/// Whether `text` is an endpoint: a scheme, `/`, a host and a port, and optionally options of Zenoh
+/// after `?` or `#`. An IPv6 address has brackets. The existence of the host is not checked.
 pub fn is_endpoint(text: &str) -> bool {
     let Some((host, port)) = address(text).rsplit_once(':') else {
         return false;
@@ -35,7 +35,7 @@ pub fn host(endpoint: &str) -> &str {
     bare.unwrap_or(host)
 }
 
-/// Whether an endpoint stands for all addresses of a machine.
+/// Whether an endpoint means all addresses of a machine.
 pub fn is_any_address(endpoint: &str) -> bool {
     let address = host(endpoint).parse::<IpAddr>();
     address.is_ok_and(|address| address.is_unspecified())
@@ -47,7 +47,7 @@ pub fn port(endpoint: &str) -> Option<u16> {
     port.parse().ok()
 }
 
-/// The same endpoint at another host, an IPv6 address in its brackets.
+/// The same endpoint at another host; an IPv6 address gets brackets.
 pub fn at_host(endpoint: &str, host: &str) -> String {
     let (before, rest) = endpoint.split_once('/').unwrap_or(("", endpoint));
     let port = address(endpoint)
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn the_parts_of_an_endpoint_are_found() {
+    fn an_endpoint_is_split_into_its_parts() {
         assert_eq!(scheme("quic/a.lan:1?mixed_rel=1"), "quic");
         assert_eq!(host("quic/a.lan:1?mixed_rel=1"), "a.lan");
         assert_eq!(host("tcp/[::1]:1"), "::1");

@@ -1,24 +1,24 @@
-//! Which endpoints a node may use: without TLS only those of this machine.
+//! The endpoints that a node may use: without TLS only those of this machine.
 
 use core::net::IpAddr;
 
 use crate::transport::endpoint::{host, scheme};
 
-/// Whether a node has keys, and what its operator allows.
+/// Whether a node has keys, and whether its operator allows plaintext.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Exposure {
     /// Whether the node has a certificate and a key.
     pub has_keys: bool,
-    /// Whether the operator has said that nodes may talk to other machines without TLS.
+    /// Whether the operator allows connections to other machines without TLS.
     pub allow_plaintext: bool,
 }
 
-/// Why a node does not use an endpoint.
+/// Why a node refuses an endpoint.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ExposureError {
-    /// Others could read and write along.
+    /// Others could read and write the data.
     #[error(
-        "endpoint {0} is not encrypted and reaches beyond this machine: make keys with `farfield certs` and use quic/ or tls/, or say `--allow-plaintext` (in the venue file: `[security] allow_plaintext = true`) if everyone in that network may read and send along"
+        "endpoint {0} is not encrypted and reaches beyond this machine: make keys with `farfield certs` and use quic/ or tls/, or allow it with `--allow-plaintext` (in the venue file: `[security] allow_plaintext = true`) if everyone in that network may read and send along"
     )]
     Plaintext(String),
     /// TLS without keys.
@@ -28,13 +28,13 @@ pub enum ExposureError {
     NoKeys(String),
     /// Without TLS a peer has no name for access control.
     #[error(
-        "endpoint {0} is not encrypted, but this venue has certificates (`[security] certificates`), and nobody without one is let in: use quic/ or tls/"
+        "endpoint {0} is not encrypted, but this venue has certificates (`[security] certificates`), and no node without one is admitted: use quic/ or tls/"
     )]
     NotEncrypted(String),
 }
 
 impl Exposure {
-    /// The endpoint of a node without a configured one: on this machine.
+    /// The default endpoint, on this machine.
     pub fn default_endpoint(self) -> &'static str {
         if self.has_keys {
             "quic/127.0.0.1:7447"
@@ -43,7 +43,7 @@ impl Exposure {
         }
     }
 
-    /// What was asked for, else what the venue file says, else this machine alone.
+    /// The requested endpoints, else those of the venue file, else this machine alone.
     ///
     /// # Errors
     /// As [`Exposure::check`].
@@ -63,10 +63,10 @@ impl Exposure {
         Ok(chosen)
     }
 
-    /// Refuses the first of `endpoints` that may not be used.
+    /// Refuses the first of `endpoints` that is not allowed.
     ///
     /// # Errors
-    /// [`ExposureError`] naming the endpoint and what to do.
+    /// [`ExposureError`] with the endpoint and the remedy.
     pub fn check(self, endpoints: &[String]) -> Result<(), ExposureError> {
         for endpoint in endpoints {
             let encrypted = matches!(scheme(endpoint), "quic" | "tls");
@@ -83,7 +83,8 @@ impl Exposure {
     }
 }
 
-/// Whether an endpoint is for this machine alone. A name other than `localhost` may mean anything.
+/// Whether an endpoint is on this machine alone. A name other than `localhost` may mean any
+/// machine.
 pub fn is_loopback(endpoint: &str) -> bool {
     let host = host(endpoint);
     host == "localhost"
@@ -100,24 +101,24 @@ mod tests {
         exposure.check(&[endpoint.to_owned()])
     }
 
-    const NOTHING_SAID: Exposure = Exposure {
+    const DEFAULT_EXPOSURE: Exposure = Exposure {
         has_keys: false,
         allow_plaintext: false,
     };
 
     #[test]
-    fn without_tls_nothing_leaves_the_machine_unless_the_operator_says_so() {
+    fn without_tls_other_machines_need_the_operators_permission() {
         for near in [
             "tcp/127.0.0.1:1",
             "tcp/[::1]:1",
             "udp/localhost:1",
             "tcp/127.9.9.9:0",
         ] {
-            check(near, NOTHING_SAID).unwrap();
+            check(near, DEFAULT_EXPOSURE).unwrap();
         }
-        let said = Exposure {
+        let allowed = Exposure {
             allow_plaintext: true,
-            ..NOTHING_SAID
+            ..DEFAULT_EXPOSURE
         };
         for far in [
             "tcp/0.0.0.0:1",
@@ -125,10 +126,10 @@ mod tests {
             "udp/10.0.0.1:1",
             "tcp/fusion.lan:1",
         ] {
-            let error = check(far, NOTHING_SAID).unwrap_err();
+            let error = check(far, DEFAULT_EXPOSURE).unwrap_err();
             assert_eq!(error, ExposureError::Plaintext(far.to_owned()));
             assert!(error.to_string().contains("--allow-plaintext"), "{error}");
-            check(far, said).unwrap();
+            check(far, allowed).unwrap();
         }
     }
 
@@ -144,10 +145,10 @@ mod tests {
             Err(ExposureError::NotEncrypted(_))
         ));
         assert!(matches!(
-            check("quic/127.0.0.1:1", NOTHING_SAID),
+            check("quic/127.0.0.1:1", DEFAULT_EXPOSURE),
             Err(ExposureError::NoKeys(_))
         ));
         check(keys.default_endpoint(), keys).unwrap();
-        check(NOTHING_SAID.default_endpoint(), NOTHING_SAID).unwrap();
+        check(DEFAULT_EXPOSURE.default_endpoint(), DEFAULT_EXPOSURE).unwrap();
     }
 }

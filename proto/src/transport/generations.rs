@@ -1,5 +1,5 @@
-//! Which certificate of each node is the newest, as `farfield certs` counts: older ones are refused, so that a key that was
-//! stolen is worth nothing once the node has another.
+//! The newest generation of each node's certificate, counted by `farfield certs`. Older ones are
+//! refused, so that a stolen key is useless once the node has a new one.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -10,12 +10,13 @@ use serde::Deserialize;
 use crate::key::is_key_chunk;
 use crate::toml_file::{FileError, Place, TomlFile};
 
-/// The file's name, in a folder that `farfield certs` has written.
+/// The name of the file in a folder written by `farfield certs`.
 pub const GENERATIONS_FILE: &str = "generations.toml";
-/// So many generations beyond the newest that is known are admitted: only the venue's authority makes certificates, so that
-/// whoever has a newer one is right, and it is this file that is old.
+/// This many generations beyond the newest known one are admitted. Only the venue's authority makes
+/// certificates, so a newer one is valid and the file is outdated.
 pub(super) const AHEAD: u32 = 8;
-/// So many older generations, the newest of them, are refused by name; those before as strangers.
+/// This many older generations, the newest of them, are refused by name; earlier ones are refused
+/// as unknown.
 pub(super) const BEHIND: u32 = 64;
 /// Largest number of a generation.
 const MAX_GENERATION: u32 = 1_000_000;
@@ -31,10 +32,10 @@ struct Raw {
 }
 
 impl Generations {
-    /// Those that the text of a file at `path` says.
+    /// Parses the text of a file at `path`.
     ///
     /// # Errors
-    /// [`FileError`] naming the line of what is no name of a node, or no number of a generation.
+    /// [`FileError`] with the line of an invalid node name or generation number.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
         let file = TomlFile::parse(text, path)?;
         let Raw { generation } = file.read()?;
@@ -50,32 +51,33 @@ impl Generations {
         }
     }
 
-    /// The newest generation of `node`; 0 where its certificate was made before they were counted, or never.
+    /// The newest generation of `node`; 0 if its certificate was made before generations were
+    /// counted, or never.
     pub fn of(&self, node: &str) -> u32 {
         self.0.get(node).copied().unwrap_or(0)
     }
 
-    /// The next generation of `node`, which is the newest from now on.
+    /// Increments the generation of `node` and returns the new one.
     pub fn renew(&mut self, node: &str) -> u32 {
         let newest = self.0.entry(node.to_owned()).or_insert(0);
         *newest = (*newest + 1).min(MAX_GENERATION);
         *newest
     }
 
-    /// The names of all nodes that have a certificate which was counted.
+    /// The names of all nodes with a counted certificate.
     pub fn nodes(&self) -> impl Iterator<Item = &str> {
         self.0.keys().map(String::as_str)
     }
 
-    /// The text of the file of `venue`.
+    /// The text of the file for `venue`.
     pub fn to_toml(&self, venue: &str) -> String {
         let mut text = format!(
             "# The newest certificate of each node of the venue \"{venue}\"; older ones are refused. Written by\n\
-             # `farfield certs`: whenever it changes, it belongs beside ca.pem on fusion's machine, and after\n\
+             # `farfield certs`: after each change, copy it next to ca.pem on fusion's machine, and after\n\
              # `--renew fusion` on all machines.\n[generation]\n"
         );
         for (node, generation) in &self.0 {
-            // Writing to a String cannot fail; a name holds nothing that would end the quotes.
+            // Writing to a String cannot fail; a name contains no quotes.
             let _infallible = writeln!(text, "\"{node}\" = {generation}");
         }
         text
@@ -91,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_and_a_renewed_node_is_one_further() {
+    fn written_generations_are_read_back_and_renew_increments() {
         let mut generations = Generations::default();
         assert_eq!(generations.of("ne"), 0);
         for (node, number) in [("fusion", 1), ("ne.2", 1), ("ne.2", 2), ("screen", 1)] {
@@ -103,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_generation_is_refused_by_its_line() {
+    fn an_invalid_generation_is_refused_with_its_line() {
         for (text, word) in [
             (
                 "[generation]\nfusion = 1\nne = 0\n",

@@ -1,6 +1,6 @@
-//! Text as JSON, which is JSON5 too.
+//! Text as JSON, which is also valid JSON5.
 
-/// `text` in quotes, as JSON writes it.
+/// `text` as a JSON string.
 pub(super) fn quoted(text: &str) -> String {
     let mut quoted = String::from("\"");
     for c in text.chars() {
@@ -25,7 +25,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_would_end_the_text_is_escaped() {
+    fn quotes_and_control_characters_are_escaped() {
         assert_eq!(quoted("a\"b\\c\n\u{7f}é"), r#""a\"b\\c\u000a\u007fé""#);
         assert_eq!(list(&["a", "b"]), r#"["a","b"]"#);
         assert_eq!(list(&[] as &[&str]), "[]");

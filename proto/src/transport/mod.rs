@@ -1,9 +1,11 @@
-//! How both nodes set Zenoh up: pure settings, (key, JSON5 value) pairs, nothing opened.
+//! Zenoh's configuration for both kinds of nodes: pure settings, (key, JSON5 value) pairs; nothing
+//! is opened.
 //!
-//! One set serves lock-step and live: whether a message waits or is dropped is set per publisher, and the queues are
-//! short for both, as what waits in a queue is late. There is no discovery: scouting is off.
+//! Lock-step and live use the same settings. Whether a message waits or is dropped is set per
+//! publisher. The queues are short, because messages in a queue are late. There is no discovery:
+//! scouting is off.
 //!
-//! Endpoints and what they carry (see [`crate::transport::endpoint`]):
+//! Endpoints and their properties (see [`crate::transport::endpoint`]):
 //!
 //! | endpoint | encrypted | best-effort messages | reliable messages |
 //! | --- | --- | --- | --- |
@@ -12,10 +14,10 @@
 //! | `udp/host:port` | no | datagrams | streams |
 //! | `tcp/host:port` | no | wait behind lost packets | one stream |
 //!
-//! The first and the third are QUIC, the third without keys. Zenoh has to be asked for datagrams
-//! (`?mixed_rel=1`), and for streams over UDP (`?rel=1`, without which a lost declaration stays lost);
-//! and for [`MIN_WINDOW_BYTES`] and [`DATAGRAM_BUFFER_BYTES`]. Each of these is added to an endpoint that does not say it
-//! itself behind `?` or `#`; what else stands there stays.
+//! The first and the third are QUIC, the third without keys. Zenoh needs options for datagrams
+//! (`?mixed_rel=1`), for streams over UDP (`?rel=1`, without which a lost declaration stays lost),
+//! and for [`MIN_WINDOW_BYTES`] and [`DATAGRAM_BUFFER_BYTES`]. Each option is added to an endpoint
+//! unless it sets the option itself after `?` or `#`. Other options of the endpoint stay.
 
 mod access;
 pub mod endpoint;
@@ -35,32 +37,35 @@ pub use access::{FUSION, READER, RECORDER, common_name, generation_of, reader};
 pub use exposure::{Exposure, ExposureError, is_loopback};
 pub use generations::{GENERATIONS_FILE, Generations};
 
-/// What Zenoh and the protocols below it add to a message, bytes. Counted on the loopback of a namespace with an
-/// MTU of 1500: about 70 for TCP over IPv4, acknowledgements the other way included; a TLS record adds 22. The
-/// rest is for Ethernet.
+/// Bytes that Zenoh and the protocols below it add to a message. Measured on the loopback of a
+/// namespace with an MTU of 1500: about 70 for TCP over IPv4, including acknowledgements in the
+/// other direction; a TLS record adds 22. The rest is for Ethernet.
 pub const MESSAGE_OVERHEAD_BYTES: usize = 110;
 
-/// After this long without any message a node counts as gone.
+/// A node without any message for this time counts as gone.
 pub const LEASE: Duration = Duration::from_secs(5);
-/// How long one attempt to connect may take; the next one starts with fresh timers, so that a link that comes back after
-/// a cut is used sooner.
+/// Timeout of one connection attempt. The next attempt starts with fresh timers, so a link that
+/// returns after a cut is used sooner.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(3);
-/// How long a blocking send may wait before the link is closed: a busy node slows the others down and is not cut off.
+/// How long a blocking send may wait before the link is closed: a busy node slows the others down
+/// but stays connected.
 const WAIT_BEFORE_CLOSE: Duration = Duration::from_mins(1);
-/// Largest message that is put together from fragments, bytes: twice what [`crate::wire`] reads.
+/// Largest message assembled from fragments, bytes: twice the limit of [`crate::wire`].
 const MAX_ASSEMBLED_BYTES: usize = 2 << 20;
-/// Connections with strangers that are opening at once; beyond, new ones are closed. As many again may be in their TLS
-/// handshake (`vendor/tls-listener`).
+/// Limit of unfinished connections with unknown peers; further ones are closed. The same number may
+/// be in their TLS handshake (`vendor/tls-listener`).
 const MOST_OPENING: usize = 128;
-/// Sessions at once: every edge of the largest venue, and as many nodes that read.
+/// Limit of simultaneous sessions: every edge of the largest venue, and as many readers.
 const MOST_SESSIONS: usize = 512;
-/// Handles that a node's sessions take at most, over `tls/` or `tcp/`: those of `quic/` and `udp/` share one.
+/// Most handles of a node's sessions over `tls/` or `tcp/`; those of `quic/` and `udp/` share one.
 pub const MOST_LINK_HANDLES: usize = MOST_SESSIONS + 2 * MOST_OPENING;
-/// Send buffer of a TCP or TLS link in the kernel, bytes: what waits there is late, and cannot be dropped any more.
+/// Send buffer of a TCP or TLS link in the kernel, bytes. Data in it is late and can no longer be
+/// dropped.
 const SEND_BUFFER_BYTES: u32 = 64 << 10;
 
-/// Least congestion window of a QUIC connection, however much was lost, bytes: the edge controls the rate itself, and
-/// distinguishes loss from a full queue. 64 KiB are 2.6 Mbit/s at a round trip of 200 ms.
+/// Smallest congestion window of a QUIC connection after any loss, bytes: the edge controls the
+/// rate itself, and distinguishes loss from a full queue. 64 KiB are 2.6 Mbit/s at a round trip of
+/// 200 ms.
 pub const MIN_WINDOW_BYTES: u32 = 64 << 10;
 /// Datagrams that may wait for the network, bytes; when full, the oldest are dropped.
 pub const DATAGRAM_BUFFER_BYTES: u32 = 32 << 10;
@@ -68,7 +73,7 @@ pub const DATAGRAM_BUFFER_BYTES: u32 = 32 << 10;
 /// One setting of Zenoh: its key, and its value as JSON5.
 pub type ZenohSetting = (String, String);
 
-/// The files by which a node proves who it is.
+/// The files that prove the identity of a node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Identity {
     /// The certificate of the venue's authority (CA), PEM.
@@ -77,12 +82,13 @@ pub struct Identity {
     pub certificate: PathBuf,
     /// The node's private key, PEM.
     pub key: PathBuf,
-    /// Which certificates of others are too old.
+    /// The newest known generations of all nodes.
     pub generations: Generations,
 }
 
 impl Identity {
-    /// The files of `node` in a folder that `farfield certs` has written; what its file of generations says is not known yet.
+    /// The files of `node` in a folder written by `farfield certs`; its generations are not read
+    /// yet.
     pub fn in_folder(folder: &Path, node: &str) -> Self {
         Self {
             authority: folder.join("ca.pem"),
@@ -98,21 +104,21 @@ impl Identity {
 pub struct EdgeTransport<'a> {
     /// The venue's name.
     pub venue: &'a str,
-    /// The endpoints of fusion, tried in turn until one answers, and again when it has gone.
+    /// The endpoints of fusion, tried in turn until one answers, and again after a disconnection.
     pub connect: &'a [String],
     /// The edge's keys; `None` without TLS.
     pub identity: Option<&'a Identity>,
 }
 
 impl EdgeTransport<'_> {
-    /// The settings, in the order to apply them in. With an identity, messages are accepted from fusion alone, and only
-    /// under the venue's name: Zenoh also trusts certificates of public authorities, and these must not make a fusion
-    /// node.
+    /// The settings in the order of their application. With an identity, messages are accepted from
+    /// fusion alone, and only under the venue's name. Zenoh also trusts certificates of public
+    /// authorities, which must not make a fusion node.
     pub fn settings(&self) -> Vec<ZenohSetting> {
         let mut settings = common("client", self.connect);
         settings.extend(pairs([
             ("connect/endpoints", list(&completed(self.connect))),
-            // An edge may start before fusion, and waits for it.
+            // An edge may start before fusion and waits for it.
             ("connect/timeout_ms", "-1".to_owned()),
             ("connect/exit_on_failure", "false".to_owned()),
             (
@@ -136,15 +142,16 @@ pub struct FusionTransport<'a> {
     pub venue: &'a str,
     /// The names of the venue's viewpoints.
     pub viewpoints: &'a [&'a str],
-    /// Where to listen.
+    /// The endpoints to listen at.
     pub listen: &'a [String],
     /// Fusion's keys; `None` without TLS.
     pub identity: Option<&'a Identity>,
 }
 
 impl FusionTransport<'_> {
-    /// The settings, in the order to apply them in. With an identity every node can publish only under
-    /// its own name, and read only what it needs. Without one everybody can all, but get no pictures.
+    /// The settings in the order of their application. With an identity every node can publish only
+    /// under its own name, and read only what it needs. Without one every node may do everything,
+    /// but gets no pictures.
     pub fn settings(&self) -> Vec<ZenohSetting> {
         let mut settings = common("router", self.listen);
         settings.extend(pairs([
@@ -171,7 +178,7 @@ impl FusionTransport<'_> {
     }
 }
 
-/// Endpoints with what the module's head says is added.
+/// Endpoints with the options of the module documentation.
 fn completed(endpoints: &[String]) -> Vec<String> {
     endpoints.iter().map(|text| complete(text)).collect()
 }
@@ -188,8 +195,8 @@ fn complete(endpoint: &str) -> String {
     ];
     let (rest, own_config) = endpoint.split_once('#').unwrap_or((endpoint, ""));
     let (address, own_metadata) = rest.split_once('?').unwrap_or((rest, ""));
-    // `rel=0` asks for plain UDP: then there is nothing to mix.
-    let metadata = if is_said(own_metadata, "rel") {
+    // `rel=0` means plain UDP, which has no reliable part to mix.
+    let metadata = if is_set(own_metadata, "rel") {
         &[]
     } else {
         metadata
@@ -198,16 +205,16 @@ fn complete(endpoint: &str) -> String {
     format!("{address}?{metadata}#{config}")
 }
 
-/// The options of `own` (`a=1;b=2`), and those of `defaults` that it does not say.
+/// The options of `own` (`a=1;b=2`), and those of `defaults` that it does not set.
 fn with(own: &str, defaults: &[(&str, u32)]) -> String {
     let own_options = own.split(';').filter(|option| !option.is_empty());
-    let missing = defaults.iter().filter(|(name, _)| !is_said(own, name));
+    let missing = defaults.iter().filter(|(name, _)| !is_set(own, name));
     let missing = missing.map(|(name, value)| format!("{name}={value}"));
     let all: Vec<String> = own_options.map(str::to_owned).chain(missing).collect();
     all.join(";")
 }
 
-fn is_said(options: &str, name: &str) -> bool {
+fn is_set(options: &str, name: &str) -> bool {
     options
         .split(';')
         .any(|option| option.split('=').next() == Some(name))
@@ -278,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_spoken_but_what_the_endpoints_name() {
+    fn only_the_protocols_of_the_endpoints_are_enabled() {
         let connect = [
             "quic/fusion.lan:7447?mixed_rel=1".to_owned(),
             "tls/10.0.0.1:7448".to_owned(),
@@ -298,10 +305,10 @@ mod tests {
     }
 
     #[test]
-    fn what_an_endpoint_does_not_say_is_added_and_what_it_says_stays() {
+    fn missing_endpoint_options_are_added_and_set_ones_stay() {
         let added =
             format!("min_window={MIN_WINDOW_BYTES};datagram_buffer={DATAGRAM_BUFFER_BYTES}");
-        for (said, meant) in [
+        for (given, completed) in [
             ("quic/h:1", format!("quic/h:1?mixed_rel=1#{added}")),
             ("udp/h:1", format!("udp/h:1?rel=1;mixed_rel=1#{added}")),
             ("udp/h:1?rel=0", format!("udp/h:1?rel=0#{added}")),
@@ -317,12 +324,12 @@ mod tests {
             ),
             ("tls/h:1", "tls/h:1".to_owned()),
         ] {
-            assert_eq!(complete(said), meant);
+            assert_eq!(complete(given), completed);
         }
     }
 
     #[test]
-    fn without_an_identity_there_is_no_tls_and_only_pictures_are_kept_from_others() {
+    fn without_an_identity_only_pictures_are_restricted() {
         let listen = ["tcp/127.0.0.1:0".to_owned()];
         let mut transport = FusionTransport {
             venue: "hall",

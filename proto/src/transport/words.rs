@@ -1,6 +1,7 @@
-//! What Zenoh says when something fails, for operators.
+//! Zenoh's error messages, for operators.
 
-/// Zenoh's words without the places in its own source, ` at FILE.rs:LINE.`, which help no operator.
+/// Zenoh's message without the places in its own source, ` at FILE.rs:LINE.`, which do not help an
+/// operator.
 pub fn without_places(text: &str) -> String {
     let mut parts = text.split(" at ");
     let mut kept = parts.next().unwrap_or_default().to_owned();
@@ -20,10 +21,10 @@ pub fn without_places(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn zenohs_words_are_shown_without_places_in_its_source() {
-        let said = "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98) at /r/src/a-1/unicast.rs:367.] at /r/src/b-2/tcp.rs:12. - Caused by x";
+    fn source_places_are_removed_from_zenohs_messages() {
+        let message = "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98) at /r/src/a-1/unicast.rs:367.] at /r/src/b-2/tcp.rs:12. - Caused by x";
         assert_eq!(
-            super::without_places(said),
+            super::without_places(message),
             "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98)] - Caused by x"
         );
     }

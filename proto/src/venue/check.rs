@@ -1,4 +1,4 @@
-//! From the file as written to a venue that can be trusted.
+//! Converts the parsed file to a checked venue.
 
 use std::collections::BTreeSet;
 
@@ -22,7 +22,7 @@ use crate::wire::MAX_CAMERAS;
 
 /// Largest rate, ticks per second.
 const MAX_RATE_HZ: f64 = 1000.0;
-/// Names that no viewpoint may have, and who has them.
+/// Reserved names of viewpoints, with their owners.
 const TAKEN_NAMES: [(&str, &str); 4] = [
     (FUSION, "the fusion node"),
     (READER, "those who only listen"),
@@ -125,7 +125,7 @@ fn viewpoints(
             ),
         ));
     }
-    let asked: BTreeSet<String> = raw
+    let used: BTreeSet<String> = raw
         .iter()
         .flat_map(|viewpoint| viewpoint.camera.iter().map(|camera| camera.name.clone()))
         .collect();
@@ -158,7 +158,7 @@ fn viewpoints(
         for (j, camera) in viewpoint.camera.into_iter().enumerate() {
             let place = place.key("camera").index(j);
             let model = unused.remove(&camera.name).ok_or_else(|| {
-                let problem = no_camera(&camera.name, &names, &asked);
+                let problem = no_camera(&camera.name, &names, &used);
                 file.error(&place.key("name"), problem)
             })?;
             indices.push(CameraIndex(cameras.len() as u16));
@@ -189,13 +189,13 @@ fn viewpoints(
     Ok((viewpoints, cameras))
 }
 
-/// Why there is no camera `name` to use, of `known` cameras of the calibration.
-fn no_camera(name: &String, known: &[String], asked: &BTreeSet<String>) -> String {
+/// The error for camera `name`, which is not among the `known` cameras of the calibration.
+fn no_camera(name: &String, known: &[String], used: &BTreeSet<String>) -> String {
     if known.contains(name) {
         return format!("camera `{name}` is used twice");
     }
-    // Whoever mistypes a name means none of the cameras that the venue names elsewhere.
-    let free = known.iter().filter(|camera| !asked.contains(*camera));
+    // A mistyped name does not mean a camera that the venue uses elsewhere.
+    let free = known.iter().filter(|camera| !used.contains(*camera));
     let free: Vec<&str> = free.map(String::as_str).collect();
     unknown_name("camera of the calibration", name, &free)
 }
@@ -219,7 +219,7 @@ fn check_no_network(
 
 fn endpoints(file: &TomlFile<'_>, raw: RawFusion) -> Result<Endpoints, FileError> {
     for (field, list) in [("listen", &raw.listen), ("connect", &raw.connect)] {
-        // Zenoh's own words about a bad endpoint name no file.
+        // Zenoh's own error for a bad endpoint names no file.
         if let Some(i) = list.iter().position(|text| !is_endpoint(text)) {
             let problem = format!(
                 "found \"{}\", expected an endpoint such as \"tcp/127.0.0.1:7447\"",

@@ -1,4 +1,4 @@
-//! `[field]`: where people are tracked, and which court is painted there.
+//! `[field]`: the tracked box, and the court on its floor.
 
 use super::limits::MAX_COORDINATE_M;
 use super::raw::RawField;
@@ -6,14 +6,14 @@ use super::{Field, VenueCamera};
 use crate::court::{Court, PlacedCourt};
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
-/// How far the default field reaches beyond the cameras, metres.
+/// Margin of the default field around the cameras, metres.
 const FIELD_MARGIN_M: f64 = 5.0;
 /// Height range of the default field, metres.
 const FIELD_HEIGHT_M: [f64; 2] = [-0.3, 2.6];
-/// Largest turn of a court, degrees.
+/// Largest rotation of a court, degrees.
 const MAX_TURN_DEG: f64 = 360.0;
 
-/// The box in which people are tracked.
+/// The tracked box.
 pub(super) fn field(
     file: &TomlFile<'_>,
     raw: Option<&RawField>,
@@ -30,11 +30,11 @@ pub(super) fn field(
             (min_m, max_m)
         }
         (Some(_), None) => {
-            let problem = "found no `max_m`, expected it beside `min_m`";
+            let problem = "found no `max_m`, expected it together with `min_m`";
             return Err(file.error(&place, problem));
         }
         (None, Some(_)) => {
-            let problem = "found no `min_m`, expected it beside `max_m`";
+            let problem = "found no `min_m`, expected it together with `max_m`";
             return Err(file.error(&place, problem));
         }
     };
@@ -65,7 +65,7 @@ pub(super) fn field(
     })
 }
 
-/// The court that is painted there, if the file names one.
+/// The court, if the file names one.
 pub(super) fn court(
     file: &TomlFile<'_>,
     raw: Option<&RawField>,
@@ -75,14 +75,14 @@ pub(super) fn court(
     };
     let place = Place::field("field");
     let Some(name) = &raw.court else {
-        let beside = [
+        let settings = [
             ("court_size_m", raw.court_size_m.is_some()),
             ("court_centre_m", raw.court_centre_m.is_some()),
             ("court_turn_deg", raw.court_turn_deg.is_some()),
         ];
-        return match beside.iter().find(|(_, is_given)| *is_given) {
+        return match settings.iter().find(|(_, is_given)| *is_given) {
             Some((name, _)) => {
-                let problem = "found it without a court, expected a `court` that it is said of";
+                let problem = "found it without a court, expected a `court` that it applies to";
                 Err(file.error(&place.key(name), problem))
             }
             None => Ok(None),

@@ -1,5 +1,5 @@
-//! From the texts of a venue file and of its calibration to a venue. Whoever reads files asks the first
-//! text which file the second one is.
+//! Converts the texts of a venue file and of its calibration to a venue. The first text names the
+//! second file; the caller reads both.
 
 use std::path::{Path, PathBuf};
 
@@ -8,19 +8,18 @@ use super::{Venue, VenueHash, check, layout};
 use crate::calibration::Calibration;
 use crate::toml_file::{FileError, Place, TomlFile};
 
-/// The text of a venue file: its fields are known and of the right types, their values not yet checked.
+/// A parsed venue file: its fields and their types are valid, their values not yet checked.
 pub struct VenueFile<'a> {
     file: TomlFile<'a>,
     raw: RawVenue,
 }
 
 impl<'a> VenueFile<'a> {
-    /// Reads the text of a venue file. `path` gives the folder that its paths are relative to, and
-    /// is named in errors.
+    /// Parses a venue file. Its paths are relative to the folder of `path`, which errors also name.
     ///
     /// # Errors
-    /// [`FileError`] naming line and field for broken syntax and for anything that is missing, unknown, of
-    /// another type or at another place.
+    /// [`FileError`] with line and field for broken syntax and for a missing, unknown, mistyped or
+    /// misplaced field.
     pub fn parse(text: &'a str, path: &'a Path) -> Result<Self, FileError> {
         let file = TomlFile::parse(text, path)?;
         layout::check(&file)?;
@@ -28,20 +27,20 @@ impl<'a> VenueFile<'a> {
         Ok(Self { file, raw })
     }
 
-    /// The calibration file that it names.
+    /// The path of its calibration file.
     pub fn calibration_path(&self) -> PathBuf {
         self.file.resolve(&self.raw.calibration)
     }
 
-    /// A problem with the calibration file that it names, said of that field and its line.
+    /// An error about its calibration file, at that field and its line.
     pub fn calibration_error(&self, problem: impl Into<String>) -> FileError {
         self.file.error(&Place::field("calibration"), problem)
     }
 
-    /// The venue, with the calibration that stands at [`Self::calibration_path`].
+    /// The venue with the calibration from [`Self::calibration_path`].
     ///
     /// # Errors
-    /// [`FileError`] naming line and field for anything that is out of its range or at odds with the
+    /// [`FileError`] with line and field for a value out of range or inconsistent with the
     /// calibration.
     pub fn venue(self, calibration: Calibration) -> Result<Venue, FileError> {
         let hashes = VenueHash {

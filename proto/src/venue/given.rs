@@ -1,4 +1,4 @@
-//! People given by hand at a tick, instead of found.
+//! People given by hand at a tick, instead of detected.
 
 use std::collections::BTreeMap;
 
@@ -10,15 +10,15 @@ use super::{Field, GivenPerson};
 use crate::keypoints::COCO17;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
-/// Least keypoints of a person given by hand: those of a trunk and one more.
+/// Minimum number of keypoints of a person given by hand: those of a trunk and one more.
 const MIN_GIVEN_KEYPOINTS: usize = 5;
-/// How far the keypoints of a body are apart that are farthest: from a child of whom the trunk alone is given to a giant with
-/// raised arms, metres.
+/// Range of the largest distance between the keypoints of a body: from a child with only the trunk
+/// to a giant with raised arms, metres.
 const LEAST_EXTENT_M: f64 = 0.15;
 const MOST_EXTENT_M: f64 = 3.0;
 
 impl GivenPerson {
-    /// The middle of the keypoints, world, metres.
+    /// The centre of the keypoints, world, metres.
     pub fn middle_m(&self) -> Vector3<f64> {
         let sum_m: Vector3<f64> = self.keypoints_m.values().map(|m| Vector3::from(*m)).sum();
         sum_m / self.keypoints_m.len().max(1) as f64
@@ -45,7 +45,7 @@ pub(super) fn given_persons(
     Ok(persons)
 }
 
-/// Who is given farther outside the field than people are followed is let go at once.
+/// A person too far outside the field would be dropped at once.
 fn check_inside(middle_m: &Vector3<f64>, field: &Field, margin_m: f64) -> Result<(), String> {
     let Field { min_m, max_m, .. } = field;
     let is_inside = |i: usize| (min_m[i] - margin_m..=max_m[i] + margin_m).contains(&middle_m[i]);
@@ -66,7 +66,7 @@ fn check_given(
     has_network: bool,
 ) -> Result<(), FileError> {
     for (name, position) in keypoints_m {
-        // A network may know more than COCO's; without one these are all there are.
+        // A network may have more keypoints than COCO; without one only these exist.
         if !has_network && !COCO17.contains(&name.as_str()) {
             return Err(file.error(&place.key(name), unknown_name("keypoint", name, &COCO17)));
         }
@@ -81,7 +81,7 @@ fn check_given(
     checked.map_err(|problem| file.error(place, problem))
 }
 
-/// Who is given in other units is followed by nobody, or is a ghost.
+/// A person in other units would never be tracked, or would be a ghost.
 fn check_size(keypoints_m: &BTreeMap<String, [f64; 3]>) -> Result<(), String> {
     let places = || keypoints_m.values().map(|m| Vector3::from(*m));
     let apart = places().flat_map(|a| places().map(move |b| (a - b).norm()));
@@ -95,7 +95,7 @@ fn check_size(keypoints_m: &BTreeMap<String, [f64; 3]>) -> Result<(), String> {
     ))
 }
 
-/// A body cannot be fitted to less, and would be missing without a word.
+/// No body can be fitted to fewer keypoints; the person would be missing without an error.
 fn check_shows_a_body(keypoints_m: &BTreeMap<String, [f64; 3]>) -> Result<(), String> {
     if keypoints_m.len() < MIN_GIVEN_KEYPOINTS {
         return Err(format!(

@@ -1,10 +1,10 @@
-//! `[inference]`: what runs the networks of live edges.
+//! `[inference]`: the inference providers of live edges.
 
 use serde::Deserialize;
 
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
-/// What can run a network.
+/// An inference provider.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Provider {
     /// `TensorRT` of NVIDIA.
@@ -22,7 +22,7 @@ pub enum Provider {
 }
 
 impl Provider {
-    /// All of them.
+    /// All providers.
     pub const ALL: [Self; 6] = [
         Self::TensorRt,
         Self::Cuda,
@@ -32,7 +32,7 @@ impl Provider {
         Self::Cpu,
     ];
 
-    /// As the venue file has it.
+    /// The name in the venue file.
     pub fn name(self) -> &'static str {
         match self {
             Self::TensorRt => "tensorrt",
@@ -51,7 +51,7 @@ pub(super) struct RawInference {
     providers: Vec<String>,
 }
 
-/// The providers at `place`, in the order in which they are tried; none where nothing is said.
+/// The providers at `place`, in the order of the attempts; empty if not set.
 pub(super) fn providers(
     file: &TomlFile<'_>,
     place: &Place,
@@ -74,7 +74,7 @@ pub(super) fn providers(
 }
 
 impl RawInference {
-    /// What is tried at every viewpoint that does not say otherwise.
+    /// The default of all viewpoints without their own setting.
     pub(super) fn checked(&self, file: &TomlFile<'_>) -> Result<Vec<Provider>, FileError> {
         let place = Place::field("inference").key("providers");
         providers(file, &place, &self.providers)
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn providers_are_tried_in_the_order_of_the_file_and_others_are_refused() {
+    fn providers_keep_their_order_and_unknown_ones_are_refused() {
         assert_eq!(
             read("providers = [\"cuda\", \"cpu\"]"),
             Ok(vec![Provider::Cuda, Provider::Cpu])

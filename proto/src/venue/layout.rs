@@ -1,5 +1,5 @@
-//! Where the fields of a venue file stand: users' parameters in their tables, all others under `[tuning]`. A field in the
-//! wrong place is refused with the right one.
+//! The places of fields in a venue file: users' parameters have their own tables, all others are
+//! under `[tuning]`. A field in the wrong place is refused with the right one.
 
 use toml::{Table, Value};
 
@@ -8,7 +8,7 @@ use super::parameters::{
 };
 use crate::toml_file::{FileError, Place, TomlFile, nearest};
 
-/// The parameter of a table that has this name.
+/// The parameter `name` of a table.
 fn named(table: &str, name: &str) -> Option<&'static Parameter> {
     in_table(table).find(|p| p.name == name)
 }
@@ -18,8 +18,8 @@ fn is_tuning(parameter: &Parameter) -> bool {
 }
 
 impl Parameters {
-    /// The defaults, with what the users' tables and `[tuning]` of a text say otherwise; ranges are not
-    /// checked. `file` must have no other table.
+    /// The defaults, changed by the users' tables and `[tuning]` of a text; ranges are not checked.
+    /// `file` must have no other table.
     ///
     /// # Errors
     /// [`FileError`] for an unknown, mistyped or misplaced field.
@@ -29,7 +29,7 @@ impl Parameters {
     }
 }
 
-/// Refuses fields of the parameters' tables that are unknown, or not where they belong.
+/// Refuses unknown or misplaced fields in the parameters' tables.
 pub(super) fn check(file: &TomlFile<'_>) -> Result<(), FileError> {
     let tuning = Place::field(TUNING);
     let mut wrong = Vec::new();
@@ -64,13 +64,13 @@ pub(super) fn check(file: &TomlFile<'_>) -> Result<(), FileError> {
     first.map_or(Ok(()), Err)
 }
 
-/// What is said of a user's parameter under `[tuning]`.
+/// The error for a user's parameter under `[tuning]`.
 fn belongs(parameter: &Parameter) -> String {
     let Parameter { table, name, .. } = parameter;
     format!("`{name}` is a user's field: write it in `[{table}]`")
 }
 
-/// What is said of a name that no parameter of the table has.
+/// The error for an unknown parameter of the table.
 fn unknown(table: &str, name: &str) -> String {
     let known: Vec<&str> = in_table(table).map(|p| p.name).collect();
     match nearest(name, &known).and_then(|known| find(&format!("{table}.{known}"))) {
@@ -85,8 +85,8 @@ fn unknown(table: &str, name: &str) -> String {
     }
 }
 
-/// Puts `value` where `keys` lead from the file's root; tables that are not there are made. Whether there
-/// was nothing but tables on the way.
+/// Puts `value` at the path `keys` from the file's root; creates missing tables. Returns false if
+/// the path contains another value than a table.
 pub fn set(root: &mut Table, keys: &[&str], value: Value) -> bool {
     let Some((name, tables)) = keys.split_last() else {
         return false;

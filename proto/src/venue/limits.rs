@@ -1,4 +1,4 @@
-//! Limits that ticks and coordinates have wherever they stand in a venue file.
+//! Limits of ticks and coordinates in venue files.
 
 use crate::tick::Tick;
 use crate::toml_file::{FileError, Place, TomlFile};
@@ -8,7 +8,7 @@ pub(super) const MAX_COORDINATE_M: f64 = 1e4;
 /// Ticks farther from zero have no exact time in seconds.
 const MAX_TICK: i64 = 1 << 53;
 
-/// The `tick` that stands at `place`.
+/// The `tick` at `place`.
 ///
 /// # Errors
 /// [`FileError`] when it is too far from zero.

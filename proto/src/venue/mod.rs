@@ -1,7 +1,7 @@
-//! The venue file: one installation, its viewpoints, cameras, sources and parameters.
+//! The venue file: one installation with its viewpoints, cameras, sources and parameters.
 //!
-//! Everything is refused here, at start, with file, line and field; nothing is refused at tick
-//! 900. Text in, venue out: who opens the files is the caller.
+//! All errors are reported here, at the start, with file, line and field; none occurs at tick 900.
+//! The input is text; the caller opens the files.
 
 mod check;
 mod field;
@@ -34,7 +34,7 @@ use crate::id::{CameraIndex, ViewpointIndex};
 use crate::tick::Tick;
 use crate::toml_file::FileError;
 
-/// One installation, read and checked.
+/// One installation, parsed and checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Venue {
     /// First part of every Zenoh key.
@@ -45,63 +45,64 @@ pub struct Venue {
     pub first_tick: Tick,
     /// The calibration file.
     pub calibration_path: PathBuf,
-    /// The keypoint network's card; there is one unless no source gives pictures.
+    /// The keypoint network's card; present if any source gives pictures.
     pub network: Option<PathBuf>,
     /// The detector's card.
     pub detector: Option<PathBuf>,
-    /// Where fusion listens and edges connect.
+    /// The endpoints of fusion and edges.
     pub endpoints: Endpoints,
-    /// Who may talk to whom.
+    /// Access and encryption.
     pub security: Security,
-    /// Where people are tracked.
+    /// The tracked box.
     pub field: Field,
-    /// The court that is painted on its floor.
+    /// The court on its floor.
     pub court: Option<PlacedCourt>,
-    /// The viewpoints in file order; a [`ViewpointIndex`] counts them.
+    /// The viewpoints in file order, indexed by [`ViewpointIndex`].
     pub viewpoints: Vec<Viewpoint>,
-    /// The cameras of all viewpoints in file order; a [`CameraIndex`] counts them.
+    /// The cameras of all viewpoints in file order, indexed by [`CameraIndex`].
     pub cameras: Vec<VenueCamera>,
     /// People given by hand.
     pub given_persons: Vec<GivenPerson>,
-    /// Where live poses shall go for other programs: opened by the command that runs fusion, by nobody else.
+    /// Live streams of poses to other programs; only the command that runs fusion opens them.
     pub streams: Vec<VenueStream>,
-    /// Who may come, in file order: fusion knows them by their bodies.
+    /// The expected people, in file order; fusion recognises them by their bodies.
     pub subjects: Vec<VenueSubject>,
-    /// The tunable parts of the method.
+    /// The parameters of the method.
     pub parameters: Parameters,
-    /// What tells this venue from any other.
+    /// Fingerprints of this venue.
     pub hashes: VenueHash,
 }
 
-/// Zenoh endpoints; empty lists mean that the command chooses.
+/// Zenoh endpoints; empty lists leave the choice to the command.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Endpoints {
-    /// Where fusion listens.
+    /// The endpoints at which fusion listens.
     pub listen: Vec<String>,
-    /// Where edges connect.
+    /// The endpoints to which edges connect.
     pub connect: Vec<String>,
 }
 
-/// `[security]`: who may talk to whom.
+/// `[security]`: access and encryption.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Security {
-    /// The folder of `ca.pem`, `NODE.pem` and `NODE.key`; `None`: there is no TLS.
+    /// The folder of `ca.pem`, `NODE.pem` and `NODE.key`; `None`: no TLS.
     pub certificates: Option<PathBuf>,
-    /// Whether nodes may talk to other machines without TLS.
+    /// Whether nodes may connect to other machines without TLS.
     pub allow_plaintext: bool,
-    /// Whether small pictures of the cameras may leave the edges, for people to look at; never without TLS but on one
-    /// machine.
+    /// Whether small pictures of the cameras may leave the edges for display; without TLS only on
+    /// one machine.
     pub pictures: bool,
 }
 
-/// The box in which people are tracked, world, metres.
+/// The tracked box, world, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Field {
-    /// Least x, y and z.
+    /// Minimum x, y and z.
     pub min_m: [f64; 3],
-    /// Largest x, y and z.
+    /// Maximum x, y and z.
     pub max_m: [f64; 3],
-    /// Height of the floor that people stand on, z: 0, or as near as the field reaches, or that of a stage.
+    /// Height of the floor under the people, z: 0, or as close as the field extends, or that of a
+    /// stage.
     pub floor_m: f64,
 }
 
@@ -112,41 +113,42 @@ pub struct Viewpoint {
     pub name: String,
     /// Its cameras, at least one.
     pub cameras: Vec<CameraIndex>,
-    /// What may run its networks while it works live, tried in this order; none: the processor.
+    /// The inference providers of its live networks, in the order of the attempts; empty: the
+    /// processor.
     pub providers: Vec<Provider>,
 }
 
-/// One camera with its place and its pictures.
+/// One camera with its pose and source.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VenueCamera {
-    /// Whose camera it is.
+    /// Its viewpoint.
     pub viewpoint: ViewpointIndex,
     /// Its calibration.
     pub model: CameraModel,
-    /// Where its pictures come from.
+    /// The source of its pictures.
     pub source: Source,
-    /// What says which tick a frame is of.
+    /// The source of its frames' tick numbers.
     pub tick_from: TickFrom,
-    /// How long before it arrives, or before its driver stamps it, a live frame is captured, seconds; `None`: as the camera says,
-    /// else 0.
+    /// Delay from the capture of a live frame to its arrival or its driver's timestamp, seconds;
+    /// `None`: as reported by the camera, else 0.
     pub capture_delay_s: Option<f64>,
 }
 
-/// What says which tick a frame is of.
+/// The source of frames' tick numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TickFrom {
-    /// Live: the time of its capture, by clocks that PTP or NTP keep together. Recorded: its place in the
-    /// recording, which begins at `first_tick`.
+    /// Live: the capture time, by clocks that PTP or NTP synchronises. Recorded: the index in the
+    /// recording, which starts at `first_tick`.
     #[default]
     Clock,
-    /// Live: the camera's own count of the frames that a hardware trigger has taken.
+    /// Live: the camera's own count of frames taken by a hardware trigger.
     Count,
-    /// Recorded: the SMPTE timecode that the recording begins with, in frames since midnight.
+    /// Recorded: the SMPTE timecode at the start of the recording, in frames since midnight.
     Timecode,
 }
 
 impl TickFrom {
-    /// As it is written in a venue file.
+    /// The name in a venue file.
     pub fn name(self) -> &'static str {
         match self {
             Self::Clock => "clock",
@@ -156,16 +158,16 @@ impl TickFrom {
     }
 }
 
-/// A person given by hand instead of found.
+/// A person given by hand instead of detected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GivenPerson {
-    /// When.
+    /// The tick of the keypoints.
     pub tick: Tick,
     /// Known keypoints by name, world, metres.
     pub keypoints_m: BTreeMap<String, [f64; 3]>,
 }
 
-/// Fingerprints of the files that all nodes must share: 16 hexadecimal digits each.
+/// Fingerprints of the files that all nodes share: 16 hexadecimal digits each.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VenueHash {
     /// Of the venue file.
@@ -175,7 +177,7 @@ pub struct VenueHash {
 }
 
 impl Venue {
-    /// Reads the text of a venue file whose `calibration` has been read already.
+    /// Parses a venue file whose `calibration` has been parsed already.
     ///
     /// # Errors
     /// As [`VenueFile::parse`] and [`VenueFile::venue`].
@@ -188,7 +190,7 @@ impl Venue {
         self.cameras.get(usize::from(index.0))
     }
 
-    /// The viewpoint called `name`.
+    /// The viewpoint `name`.
     pub fn viewpoint_named(&self, name: &str) -> Option<ViewpointIndex> {
         self.viewpoints
             .iter()
@@ -196,7 +198,7 @@ impl Venue {
             .map(|i| ViewpointIndex(i as u16))
     }
 
-    /// Whether any source gives pictures, which need a network to become maps.
+    /// Whether any source gives pictures, which need a network.
     pub fn needs_network(&self) -> bool {
         self.cameras
             .iter()

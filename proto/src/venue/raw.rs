@@ -1,4 +1,4 @@
-//! The venue file as it is written, before it is checked.
+//! The venue file as parsed, before the checks.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Whether another node holds the same files: told by the fingerprints that statuses carry.
+//! Compares the files of another node with one's own, by the fingerprints in statuses.
 
 use super::VenueHash;
 use crate::message::Status;
@@ -10,18 +10,18 @@ pub struct OwnFiles<'a> {
     pub venue: &'a str,
     /// Of the calibration.
     pub calibration: &'a str,
-    /// How the fingerprint of the networks must begin that the other node runs; `None` where it does not matter.
+    /// Required prefix of the other node's network fingerprint; `None` if it does not matter.
     pub networks: Option<&'a str>,
 }
 
-/// A file that the other node holds otherwise.
+/// A file that differs on the other node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OtherFile {
     /// Which file: "venue file", "calibration" or "network".
     pub what: &'static str,
-    /// The fingerprint of the other node's.
+    /// The other node's fingerprint.
     pub theirs: String,
-    /// The fingerprint of one's own.
+    /// One's own fingerprint.
     pub ours: String,
 }
 
@@ -46,7 +46,7 @@ impl<'a> From<&'a Status> for OwnFiles<'a> {
 }
 
 impl OwnFiles<'_> {
-    /// The first file that the node which says `theirs` holds otherwise; `None` when all are the same.
+    /// The first file that differs on the node with status `theirs`; `None` when all are equal.
     pub fn other_file(&self, theirs: &Status) -> Option<OtherFile> {
         // The fingerprint of networks ends with the backend's name; without networks it is empty.
         let networks = theirs.network_hash.rsplit_once('+');

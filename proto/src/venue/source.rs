@@ -1,4 +1,4 @@
-//! Where a camera's pictures come from.
+//! The sources of a camera's pictures.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ const DEFAULT_GRID: [u16; 2] = [48, 64];
 /// Sigma of a drawn peak, cells.
 const DEFAULT_SIGMA_CELLS: f64 = 2.0;
 
-/// Where a camera's pictures, or what was found in them, come from.
+/// The source of a camera's pictures, or of data detected in them.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Source {
     /// A video file.
@@ -27,7 +27,7 @@ pub enum Source {
         /// The files, with a number pattern such as `%06d`.
         path: PathBuf,
     },
-    /// A file of 2D keypoint candidates, from which maps are drawn.
+    /// A file of 2D keypoint candidates from which maps are drawn.
     Keypoints {
         /// The file.
         path: PathBuf,
@@ -40,7 +40,7 @@ pub enum Source {
     V4l {
         /// Its device file.
         device: PathBuf,
-        /// How it is set before the first picture.
+        /// Its settings before the first picture.
         settings: DeviceSettings,
     },
     /// Anything that ffmpeg opens.
@@ -50,13 +50,13 @@ pub enum Source {
         /// Options for reading it, by ffmpeg's names: `rtsp_transport`, `hwaccel`.
         options: BTreeMap<String, String>,
     },
-    /// Maps of a simulated camera that were made beforehand.
+    /// Precomputed maps of a simulated camera.
     Maps {
         /// The file.
         path: PathBuf,
-        /// Cells of a made map: width, height. Default 48 x 64.
+        /// Cells of a map: width, height. Default 48 x 64.
         grid: [u16; 2],
-        /// Sigma of a made peak, cells. Default 2.
+        /// Sigma of a peak, cells. Default 2.
         sigma_cells: f64,
     },
     /// A camera of a simulated scene; the camera has the same name there.
@@ -65,44 +65,45 @@ pub enum Source {
         path: PathBuf,
         /// Whether pictures are rendered or maps are made from the truth.
         content: SimulatedContent,
-        /// Cells of a made map: width, height. Default 48 x 64. Nothing to pictures.
+        /// Cells of a map: width, height. Default 48 x 64. Unused for pictures.
         grid: [u16; 2],
-        /// Sigma of a made peak, cells. Default 2. Nothing to pictures.
+        /// Sigma of a peak, cells. Default 2. Unused for pictures.
         sigma_cells: f64,
     },
 }
 
-/// How a camera of this machine is set; its size is the calibration's, its rate the venue's.
+/// Settings of a camera of this machine; its size is the calibration's, its rate the venue's.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct DeviceSettings {
-    /// The pixel format by its four letters, as the kernel names it; `None` for the best that has size and rate.
+    /// The four letters of the pixel format, as in the kernel; `None`: the best with this size and
+    /// rate.
     pub format: Option<String>,
-    /// Exposure, gain and whatever else the camera has, by the names of `v4l2-ctl --list-ctrls`.
+    /// Exposure, gain and other controls, by the names of `v4l2-ctl --list-ctrls`.
     pub controls: BTreeMap<String, ControlValue>,
 }
 
-/// What a control of a camera is set to.
+/// The value of a camera's control.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ControlValue {
     /// On or off.
     Switch(bool),
     /// In the camera's own unit.
     Number(i64),
-    /// One of a menu, as the camera calls it.
+    /// An entry of a menu, by the camera's name.
     Choice(String),
 }
 
-/// What a simulated camera gives.
+/// The output of a simulated camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SimulatedContent {
-    /// Rendered pictures, for a network to read.
+    /// Rendered pictures for a network.
     Pixels,
     /// Maps made from the truth with the scene's faults, without a network.
     Maps,
 }
 
 impl SimulatedContent {
-    /// As it is written in a venue file.
+    /// The name in a venue file.
     pub fn name(self) -> &'static str {
         match self {
             Self::Pixels => "pixels",
@@ -112,7 +113,7 @@ impl SimulatedContent {
 }
 
 impl Source {
-    /// Whether the camera gives pictures, which need a network to become maps.
+    /// Whether the camera gives pictures, which need a network.
     pub fn gives_pictures(&self) -> bool {
         match self {
             Self::Keypoints { .. } | Self::Maps { .. } => false,
@@ -123,13 +124,13 @@ impl Source {
         }
     }
 
-    /// Whether it gives what a camera sees now, and not a recording or a simulation.
+    /// Whether it shows the present, not a recording or a simulation.
     pub fn is_live(&self) -> bool {
         matches!(self, Self::V4l { .. } | Self::Ffmpeg { .. })
     }
 
-    /// Grid (width, height) and sigma of the maps that are made without a network, in cells; `None`
-    /// for pictures.
+    /// Grid (width, height) and sigma of maps made without a network, in cells; `None` for
+    /// pictures.
     pub fn drawing(&self) -> Option<([u16; 2], f64)> {
         match self {
             Self::Keypoints {
@@ -149,7 +150,7 @@ impl Source {
     }
 }
 
-/// A source as it is written: all kinds' fields, so that a wrong one can be named.
+/// A source as parsed: the fields of all kinds, so that a wrong one can be named.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RawSource {
@@ -174,7 +175,7 @@ const KINDS: [&str; 7] = [
     "simulated",
     "maps",
 ];
-/// What ffmpeg may be told of how it reads a stream or device.
+/// The allowed options of ffmpeg for reading a stream or device.
 const STREAM_OPTIONS: [&str; 20] = [
     "analyzeduration",
     "buffer_size",
@@ -199,7 +200,7 @@ const STREAM_OPTIONS: [&str; 20] = [
 ];
 const CONTENTS: [SimulatedContent; 2] = [SimulatedContent::Pixels, SimulatedContent::Maps];
 
-/// The fields of a source of `kind`; `None` for an unknown one.
+/// The fields of a source of `kind`; `None` for an unknown kind.
 fn fields_of(kind: &str) -> Option<&'static [&'static str]> {
     Some(match kind {
         "video" | "images" => &["path"],
@@ -211,10 +212,10 @@ fn fields_of(kind: &str) -> Option<&'static [&'static str]> {
     })
 }
 
-/// Longest time from a frame's capture to its arrival that a venue may state, milliseconds.
+/// Longest delay from a frame's capture to its arrival in a venue file, milliseconds.
 const MAX_CAPTURE_DELAY_MS: f64 = 10_000.0;
 
-/// What says which tick a frame is of, and the delay of its capture, seconds, of the camera at `place`.
+/// The source of tick numbers, and the capture delay, seconds, of the camera at `place`.
 pub(super) fn timing(
     file: &TomlFile<'_>,
     place: &Place,
@@ -334,7 +335,7 @@ pub(super) fn source(
     }
 }
 
-/// Refuses an unknown kind, and a field that a source of `kind` has not.
+/// Refuses an unknown kind, and a field that `kind` does not have.
 fn check_fields(
     file: &TomlFile<'_>,
     place: &Place,
@@ -376,7 +377,7 @@ fn options(
     }
 }
 
-/// What the controls of a camera are set to; which there are only the camera knows.
+/// Values of a camera's controls; only the camera knows which exist.
 fn controls(
     file: &TomlFile<'_>,
     place: &Place,
@@ -398,7 +399,7 @@ fn controls(
     given.into_iter().map(checked).collect()
 }
 
-/// A source whose maps are made without a network, from a file of its own.
+/// A source of maps from a file, without a network.
 fn drawn(kind: &str, path: PathBuf, grid: [u16; 2], sigma_cells: f64) -> Source {
     if kind == "maps" {
         Source::Maps {
@@ -425,7 +426,7 @@ fn content(file: &TomlFile<'_>, place: &Place, name: &str) -> Result<SimulatedCo
         })
 }
 
-/// Grid and sigma of maps that are made without a network.
+/// Grid and sigma of maps made without a network.
 fn drawing(
     file: &TomlFile<'_>,
     place: &Place,

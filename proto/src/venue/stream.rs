@@ -1,7 +1,7 @@
-//! `[[stream]]`: where live poses shall go for other programs.
+//! `[[stream]]`: destinations of live poses for other programs.
 //!
-//! Here it is plain text: which protocols there are is known to the command that opens streams, and to nobody else. An edge that is handed
-//! the file reads past it.
+//! The fields are plain text here: only the command that opens streams knows the protocols. An edge
+//! that receives the file ignores them.
 
 use super::raw::RawStream;
 use crate::key::is_key_chunk;
@@ -9,15 +9,15 @@ use crate::toml_file::{FileError, Place, TomlFile};
 
 /// Most streams of a venue.
 const MAX_STREAMS: usize = 32;
-/// Most characters of an address.
+/// Longest address, characters.
 const MAX_ADDRESS: usize = 128;
 
-/// A stream as the venue asks for it.
+/// A stream of the venue.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VenueStream {
     /// The protocol's name.
     pub to: String,
-    /// Where it goes; `None`: where the protocol goes by default.
+    /// Its destination; `None`: the protocol's default.
     pub address: Option<String>,
     /// The file and the line of each field.
     stands: [FileError; 2],
@@ -33,7 +33,7 @@ pub enum StreamField {
 }
 
 impl VenueStream {
-    /// A problem with one of its fields, as who knows the protocols finds it.
+    /// An error of one of its fields, found by code that knows the protocols.
     pub fn error(&self, field: StreamField, problem: impl Into<String>) -> FileError {
         let [to, address] = &self.stands;
         let place = match field {

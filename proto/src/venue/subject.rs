@@ -1,33 +1,35 @@
-//! `[[subject]]`: who may come, by a profile that was kept or by name and stature, so that fusion knows them by their bodies.
+//! `[[subject]]`: expected people, by a stored profile or by name and stature. Fusion recognises
+//! them by their bodies.
 //!
-//! A profile is a file of its own ([`crate::subject`]); fusion opens it. An edge that is handed the venue file reads past it.
+//! A profile is a separate file ([`crate::subject`]); fusion opens it. An edge that receives the
+//! venue file ignores it.
 
 use std::path::PathBuf;
 
 use super::raw::RawSubject;
-use crate::subject::{check_called, check_stature};
+use crate::subject::{check_required_name, check_stature};
 use crate::toml_file::{FileError, Place, TomlFile};
 
 /// Most subjects of a venue.
 const MAX_SUBJECTS: usize = 256;
 
-/// Somebody who may come.
+/// An expected person.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VenueSubject {
-    /// What is known.
+    /// The known data.
     pub known_by: KnownBy,
-    /// The file, and the line of the field by which the body is known.
+    /// The file, and the line of the field with the body.
     stands: FileError,
 }
 
-/// What is known of a subject.
+/// The known data of a subject.
 #[derive(Debug, Clone, PartialEq)]
 pub enum KnownBy {
     /// A profile, as `farfield people ... save` writes it.
     Profile(PathBuf),
-    /// A name and a stature, metres: all else of the body is that of the average.
+    /// A name and a stature, metres; the rest of the body is average.
     Stature {
-        /// What the person is called.
+        /// Name of the person.
         name: String,
         /// From the soles to the top of the head, metres.
         stature_m: f64,
@@ -35,7 +37,7 @@ pub enum KnownBy {
 }
 
 impl VenueSubject {
-    /// A problem with it, as who reads profiles finds it.
+    /// An error about it, found by code that reads profiles.
     pub fn error(&self, problem: impl Into<String>) -> FileError {
         FileError {
             problem: problem.into(),
@@ -88,7 +90,7 @@ fn subject(file: &TomlFile<'_>, place: &Place, raw: RawSubject) -> Result<VenueS
             name: Some(name),
             stature_m: Some(stature_m),
         } => {
-            check_called(file, &place.key("name"), &name)?;
+            check_required_name(file, &place.key("name"), &name)?;
             check_stature(file, &place.key("stature_m"), stature_m)?;
             (KnownBy::Stature { name, stature_m }, "name")
         }

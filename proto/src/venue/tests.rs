@@ -1,4 +1,4 @@
-//! The venue file as a user gets to know it.
+//! Tests of the venue file.
 
 mod layout;
 mod people;
@@ -140,7 +140,7 @@ fn a_whole_venue_is_read() {
 }
 
 #[test]
-fn pictures_stay_where_they_are_unless_the_file_says_otherwise_and_go_over_tls_only() {
+fn pictures_leave_an_edge_only_if_allowed_and_over_tls() {
     let security = |lines: &str| {
         let text = VENUE.replace("[field]", &format!("[security]\n{lines}\n[field]"));
         parse(&text).map(|venue| venue.security)
@@ -157,7 +157,7 @@ fn pictures_stay_where_they_are_unless_the_file_says_otherwise_and_go_over_tls_o
             .unwrap()
             .pictures
     );
-    // Without keys nodes keep to one machine, and so do pictures.
+    // Without keys, nodes and pictures stay on one machine.
     assert!(security("pictures = true").unwrap().pictures);
     let refused = security("allow_plaintext = true\npictures = true").unwrap_err();
     assert_eq!(
@@ -167,7 +167,7 @@ fn pictures_stay_where_they_are_unless_the_file_says_otherwise_and_go_over_tls_o
 }
 
 #[test]
-fn a_field_that_says_no_floor_has_it_at_0_or_as_near_as_it_reaches() {
+fn the_default_floor_is_0_or_the_nearest_height_in_the_field() {
     let floor_m = |from: &str, to: &str| parse(&VENUE.replace(from, to)).unwrap().field.floor_m;
     assert!(floor_m("2.5]", "2.5]").abs() < 1e-12);
     assert!((floor_m("2.5]", "2.5]\nfloor_m = 1.2") - 1.2).abs() < 1e-12);
@@ -193,7 +193,7 @@ fn without_a_field_people_are_tracked_around_the_cameras() {
 }
 
 #[test]
-fn a_court_lies_at_the_origin_or_where_the_file_says() {
+fn a_court_is_at_the_origin_or_at_the_given_place() {
     let court = |more: &str| {
         let from = "[12.0, 8.0, 2.5]";
         let text = VENUE.replace(from, &format!("{from}\n{more}"));
@@ -216,7 +216,7 @@ fn a_court_lies_at_the_origin_or_where_the_file_says() {
 }
 
 #[test]
-fn a_court_may_be_named_where_no_box_is_given() {
+fn a_court_needs_no_box() {
     let boxed = "min_m = [-12.0, -8.0, 0.0]\nmax_m = [12.0, 8.0, 2.5]";
     let venue = parse(&VENUE.replace(boxed, "court = \"tennis\"")).unwrap();
     assert_eq!(venue.court.unwrap().court.name, "tennis");
@@ -224,7 +224,7 @@ fn a_court_may_be_named_where_no_box_is_given() {
 }
 
 #[test]
-fn a_court_that_no_rule_knows_is_refused_with_those_that_are_known() {
+fn an_unknown_court_is_refused_with_the_known_ones() {
     let max = "max_m = [12.0, 8.0, 2.5]";
     let refused = |more: &str, expected: &str| check(max, &format!("{max}\n{more}"), expected);
     refused(
@@ -249,17 +249,17 @@ fn a_court_that_no_rule_knows_is_refused_with_those_that_are_known() {
     );
     refused(
         "court_turn_deg = 90",
-        "13: `field.court_turn_deg`: found it without a court, expected a `court` that it is said of",
+        "13: `field.court_turn_deg`: found it without a court, expected a `court` that it applies to",
     );
     check(
         max,
         "",
-        "10: `field`: found no `max_m`, expected it beside `min_m`",
+        "10: `field`: found no `max_m`, expected it together with `min_m`",
     );
 }
 
 #[test]
-fn unknown_names_are_answered_with_the_nearest() {
+fn unknown_names_are_refused_with_the_nearest() {
     check(
         "rate_hz",
         "rate_herz",
@@ -288,7 +288,7 @@ fn unknown_names_are_answered_with_the_nearest() {
 }
 
 #[test]
-fn a_mistyped_camera_is_never_answered_with_one_in_use() {
+fn a_mistyped_camera_is_never_matched_to_one_in_use() {
     // The nearest name is `ne-right`, which the venue uses two lines further down.
     check(
         "name = \"ne-left\"",
@@ -361,7 +361,7 @@ fn numbers_out_of_their_range_are_refused() {
 }
 
 #[test]
-fn huge_numbers_are_named_in_few_digits() {
+fn huge_numbers_are_printed_in_few_digits() {
     check(
         "half_width_m = 0.3",
         "half_width_m = 1e300",

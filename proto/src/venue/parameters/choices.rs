@@ -1,11 +1,11 @@
-//! Parameters that are words, and how each type of value stands in a venue file.
+//! Parameters with named values, and the TOML form of each type.
 
 use serde::Deserialize;
 use toml::Value;
 
 use crate::patch::CompressionLevel;
 
-/// How the next pose is predicted, paper (3).
+/// Prediction of the next pose, paper (3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Predictor {
@@ -17,24 +17,24 @@ pub enum Predictor {
     ConstantAcceleration,
 }
 
-/// From which camera of a viewpoint a person is cropped, paper (5).
+/// The choice of the camera for a person's crop within a viewpoint, paper (5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CameraChoice {
-    /// The one that sees most of the person, then with the most pixels, then nearest its centre; kept
-    /// until another is clearly better.
+    /// The camera that sees most of the person, then with the most pixels, then nearest its centre;
+    /// kept until another is clearly better.
     BestView,
-    /// The paper's: the one whose image centre is nearest to the projected torso, in pixels,
-    /// whatever it sees. For comparisons.
+    /// The paper's choice: the camera whose image centre is nearest to the projected torso, in
+    /// pixels, whatever it sees. For comparisons.
     NearestCenter,
 }
 
-/// A type that a parameter can have.
+/// A type of a parameter.
 pub(super) trait ParameterValue {
-    /// The words that it can be; empty unless it is one of a few words.
+    /// Its named values; empty for other types.
     const WORDS: &'static [&'static str] = &[];
 
-    /// As it stands in a venue file; `None` where it is left out.
+    /// The value in a venue file; `None` if it is omitted.
     fn to_toml(self) -> Option<Value>;
 }
 

@@ -1,8 +1,9 @@
-//! The macro that makes of one list of parameters all that must agree about them.
+//! The macro that generates everything about the parameters from one list.
 
-/// Out of one list of parameters: a documented struct per table with its defaults, [`super::Parameters`],
-/// what serde reads of a venue file (the users' tables, and those under `[tuning]`), the descriptions
-/// [`super::PARAMETERS`], and every parameter's value in the same order.
+/// From one list of parameters it generates: a documented struct per table with its defaults,
+/// [`super::Parameters`], the structs that serde reads from a venue file (the users' tables, and
+/// those under `[tuning]`), the descriptions [`super::PARAMETERS`], and every parameter's value in
+/// the same order.
 macro_rules! declare_parameters {
     ($(
         #[doc = $about:literal]
@@ -67,14 +68,14 @@ macro_rules! declare_parameters {
             $(#[doc = $about] pub $table: $Table,)+
         }
 
-        /// `[tuning]` as a venue file has it.
+        /// `[tuning]` in a venue file.
         #[derive(Debug, Default, serde::Deserialize)]
         #[serde(deny_unknown_fields, default)]
         pub(in crate::venue) struct TuningTables {
             $($(pub(in crate::venue) $table: $Tuning,)?)+
         }
 
-        /// The users' tables and `[tuning]` as a venue file has them.
+        /// The users' tables and `[tuning]` in a venue file.
         #[derive(Debug, Default, serde::Deserialize)]
         #[serde(deny_unknown_fields, default)]
         pub(in crate::venue) struct ParameterTables {
@@ -126,7 +127,7 @@ macro_rules! declare_parameters {
             },)+)?
         )+];
 
-        /// Every table, and what it is about.
+        /// Every table, with its subject.
         pub static TABLES: &[(&str, &str)] = &[$((stringify!($table), $about.trim_ascii()),)+];
     };
     (@read $Name:ident { $($field:ident: $kind:ty = $default:expr,)+ }) => {

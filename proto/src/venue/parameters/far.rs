@@ -1,4 +1,4 @@
-//! Parameters that are set far from their defaults: inside their ranges, and hardly meant.
+//! Detects parameters far from their defaults: inside their ranges, but hardly intended.
 
 use std::fmt;
 
@@ -6,16 +6,16 @@ use toml::Value;
 
 use super::{Audience, Parameter, Parameters, Range};
 
-/// By which factor a number of the method may differ from its default, either way.
+/// Largest usual factor between a number of the method and its default, either way.
 const FAR: f64 = 5.0;
-/// By which factor a choice at a venue may be larger than its default: small ones are meant.
+/// Largest usual factor of a user's choice over its default; small values are intended.
 const USERS_FAR: f64 = 20.0;
-/// From which factor on the end of a range is told of as well.
+/// From this factor on, an end of a range is also reported.
 const AT_AN_END: f64 = 2.0;
-/// Tables whose choices cost bytes and time, and move no skeleton.
+/// Tables of choices that cost bytes and time, and do not change skeletons.
 const OF_RESOURCES: [&str; 2] = ["link", "recording"];
 
-/// A parameter that is set far from its default.
+/// A parameter that is far from its default.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FarParameter {
     parameter: &'static Parameter,
@@ -24,7 +24,7 @@ pub struct FarParameter {
 }
 
 impl fmt::Display for FarParameter {
-    /// `[tuning] ik.change_sigma_rad is 100.0 rad, the default 0.25`.
+    /// Format: `[tuning] ik.change_sigma_rad is 100.0 rad, the default 0.25`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             parameter,
@@ -39,9 +39,10 @@ impl fmt::Display for FarParameter {
 }
 
 impl Parameters {
-    /// The numbers that are more than five times their default, or less than a fifth of it; of those that a user chooses, more
-    /// than twenty times; and those at an end of their range that are twice it, or half. Left out are choices of bytes
-    /// and time, a 0 that switches something off, and of a user's choices a 0 and a share of one.
+    /// Numbers of the method more than five times their default, or less than a fifth of it; users'
+    /// choices more than twenty times their default. Also numbers at an end of their range that are
+    /// twice the default, or half. Not reported: choices of bytes and time, a 0 that disables a
+    /// feature, and, for users' choices, a 0 and a share of one.
     pub fn far_from_defaults(&self) -> Vec<FarParameter> {
         let defaults = Self::default().in_order().into_iter();
         let values = self.values().zip(defaults);
@@ -70,7 +71,7 @@ fn number(value: &Value) -> Option<f64> {
 
 fn is_far(parameter: &Parameter, range: Range, [value, default]: [f64; 2]) -> bool {
     let is_switched_off = value <= 0.0 && parameter.sentence.contains("0:");
-    // What is 0 by default has no factor.
+    // A default of 0 has no factor.
     if default <= 0.0 || is_switched_off || OF_RESOURCES.contains(&parameter.table) {
         return false;
     }
@@ -94,8 +95,8 @@ mod tests {
     use super::*;
     use crate::toml_file::TomlFile;
 
-    /// What is told of a venue that says this.
-    fn told(text: &str) -> Vec<String> {
+    /// The reports for a venue with this text.
+    fn reports(text: &str) -> Vec<String> {
         let file = TomlFile::parse(text, Path::new("hall.toml")).unwrap();
         let parameters = Parameters::read(&file).unwrap();
         parameters.check(&file).unwrap();
@@ -104,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_inside_a_range_is_told_with_its_default() {
+    fn implausible_values_inside_a_range_are_reported() {
         for (text, expected) in [
             (
                 "[tuning]\nik.change_sigma_rad = 100.0",
@@ -131,24 +132,24 @@ mod tests {
                 "[births] coast_s is 3600.0 s, the default 1.0",
             ),
         ] {
-            assert_eq!(told(text), [expected], "{text}");
+            assert_eq!(reports(text), [expected], "{text}");
         }
     }
 
     #[test]
-    fn what_is_meant_is_not_told() {
+    fn plausible_values_are_not_reported() {
         for text in [
             "",
             // Half, twice and thrice.
             "[tuning]\nik.change_sigma_rad = 0.7\nbirths.flat_m = 0.02",
-            // Switched off.
+            // Disabled.
             "[tuning]\ncontact.yield_share = 0.0\nbirths.measure_s = 0.0",
-            // A venue's choices.
+            // A user's choices.
             "[births]\ncoast_s = 10.0\nreturn_s = 600.0\nlook_share = 1.0\ntiles_per_look = 0\nsight_every_s = 0.0",
             "[link]\nlockstep_timeout_s = 3600.0\ndeadline_ms = 5000.0\n[recording]\nring_mib = 65536",
             "[smoothing]\ndelay_ms = 2000.0\n[range_of_motion]\nfactor = 1.3",
         ] {
-            assert_eq!(told(text), [""; 0], "{text}");
+            assert_eq!(reports(text), [""; 0], "{text}");
         }
     }
 

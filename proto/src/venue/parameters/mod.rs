@@ -1,8 +1,9 @@
-//! The parameters of the method: what can be set in a venue file, with defaults and ranges. Every table and
-//! every field may be left out.
+//! The parameters of the method: the settings of a venue file, with defaults and ranges. Every
+//! table and field is optional.
 //!
-//! `table.rs` holds the list, `declare.rs` makes structs, defaults, reading and descriptions of it. A parameter
-//! is called `table.name` wherever it stands: a user's in the table of that name, the others under `[tuning]`.
+//! `table.rs` contains the list; `declare.rs` generates structs, defaults, parsing and descriptions
+//! from it. A parameter is named `table.name` everywhere: a user's parameter is in the table of
+//! that name, the others under `[tuning]`.
 
 mod choices;
 mod declare;
@@ -21,59 +22,59 @@ use toml::Value;
 
 use crate::toml_file::{FileError, Place, TomlFile};
 
-/// The table of a venue file that holds all parameters but the users'.
+/// The table of a venue file for all parameters except the users'.
 pub const TUNING: &str = "tuning";
 
-/// Who sets a parameter.
+/// The intended user of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Audience {
-    /// Somebody at a venue; it stands in a table of its own.
+    /// A user at a venue; the parameter has a table of its own.
     User,
-    /// Who works at the method; it stands under `[tuning]`.
+    /// A developer of the method; the parameter is under `[tuning]`.
     Tuning,
 }
 
-/// What a number may be.
+/// The range of a number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
     /// Its unit; empty for shares, factors and counts.
     pub unit: &'static str,
-    /// The least, in [`Range::unit`].
+    /// The minimum, in [`Range::unit`].
     pub min: f64,
-    /// The largest, in [`Range::unit`].
+    /// The maximum, in [`Range::unit`].
     pub max: f64,
 }
 
-/// What holds where a parameter without a default of its own is left out.
+/// The effect of omitting a parameter without a default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Unset {
-    /// A value that it can have, as TOML.
+    /// A valid value, as TOML.
     pub example: &'static str,
     /// What is used instead.
     pub words: &'static str,
 }
 
-/// What is known of a parameter.
+/// The description of a parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
     /// Its table, without `tuning`.
     pub table: &'static str,
     /// Its name in the table.
     pub name: &'static str,
-    /// Who sets it.
+    /// Its intended user.
     pub audience: Audience,
-    /// What it is: a sentence.
+    /// Its meaning: a sentence.
     pub sentence: &'static str,
-    /// Its range; `None`: it is no number.
+    /// Its range; `None` if it is not a number.
     pub range: Option<Range>,
-    /// The words that it can be; empty unless it is one of a few words.
+    /// Its named values; empty for other types.
     pub words: &'static [&'static str],
-    /// What holds where it is left out; `None`: its default does.
+    /// The effect of omitting it; `None`: its default applies.
     pub unset: Option<Unset>,
 }
 
 impl Parameter {
-    /// The tables around it in a venue file, and its name.
+    /// Its tables in a venue file, and its name.
     pub fn keys(&self) -> Vec<&'static str> {
         match self.audience {
             Audience::User => vec![self.table, self.name],
@@ -81,13 +82,13 @@ impl Parameter {
         }
     }
 
-    /// Where it stands in a venue file.
+    /// Its place in a venue file.
     pub(super) fn place(&self) -> Place {
         let keys = self.keys();
         keys.iter().fold(Place::default(), |at, key| at.key(key))
     }
 
-    /// Where it stands, as a user reads it: `[births] coast_s`, `[tuning] births.flat_m`.
+    /// Its place as text for a user: `[births] coast_s`, `[tuning] births.flat_m`.
     pub(super) fn stands(&self) -> String {
         let Self { table, name, .. } = self;
         match self.audience {
@@ -104,7 +105,7 @@ impl fmt::Display for Parameter {
     }
 }
 
-/// The parameter called `name`, as `births.flat_m`.
+/// The parameter `name`, for example `births.flat_m`.
 pub fn find(name: &str) -> Option<&'static Parameter> {
     let (table, field) = name.split_once('.')?;
     in_table(table).find(|parameter| parameter.name == field)
@@ -117,12 +118,12 @@ pub(super) fn in_table(table: &str) -> impl Iterator<Item = &'static Parameter> 
 }
 
 impl Parameters {
-    /// Every parameter with its value here, as TOML; `None` where it has none.
+    /// Every parameter with its value here, as TOML; `None` if it has none.
     pub fn values(&self) -> impl Iterator<Item = (&'static Parameter, Option<Value>)> {
         PARAMETERS.iter().zip(self.in_order())
     }
 
-    /// Refuses the first parameter that is out of its range, where it stands in `file`.
+    /// Refuses the first parameter out of range, with its place in `file`.
     pub(super) fn check(&self, file: &TomlFile<'_>) -> Result<(), FileError> {
         for (parameter, value) in self.values() {
             let number = value.and_then(|v| v.as_float().or(v.as_integer().map(|i| i as f64)));
@@ -154,8 +155,8 @@ impl BoxParameters {
 }
 
 impl BirthParameters {
-    /// Ticks from one regular detection pass to the next, at least 1: all viewpoints detect at the ticks that this
-    /// divides.
+    /// Ticks from one regular detection pass to the next, at least 1: all viewpoints detect at
+    /// multiples of it.
     pub fn ticks_per_look(&self, rate_hz: f64) -> i64 {
         ticks(self.sight_every_s, rate_hz).max(1)
     }
@@ -165,13 +166,13 @@ impl BirthParameters {
         ticks(self.confirm_s, rate_hz).max(1)
     }
 
-    /// Ticks in a row in which the edges look again when a sighting is explained by nobody.
+    /// Consecutive ticks with detection passes after an unexplained sighting.
     pub fn look_again_ticks(&self, rate_hz: f64) -> i64 {
         ticks(self.look_again_s, rate_hz)
     }
 }
 
-/// The nearest whole number of ticks.
+/// The nearest integer number of ticks.
 fn ticks(seconds: f64, rate_hz: f64) -> i64 {
     (seconds * rate_hz).round() as i64
 }

@@ -4,12 +4,12 @@ use std::fmt::Write as _;
 
 use super::{Audience, PARAMETERS, Parameter, Parameters, Range, TABLES, TUNING};
 
-/// Most columns of a line of the sentence above a value.
+/// Longest line of the comment above a value.
 const COLUMNS: usize = 100;
-/// Columns before the range behind a value.
+/// Column of the range after a value.
 const SETTING_COLUMNS: usize = 28;
 
-/// The users' tables with every default, as a venue file has them, and a word about the others.
+/// The users' tables with all defaults, as in a venue file, and a note about the others.
 pub fn sample() -> String {
     let mut text = String::from("# All that follows is optional, and states the defaults.\n");
     let defaults: Vec<_> = Parameters::default().values().collect();
@@ -33,7 +33,7 @@ pub fn sample() -> String {
     )
 }
 
-/// A parameter's sentence, and below it its setting and range.
+/// A parameter's sentence, then its setting and range.
 fn entry(parameter: &Parameter, value: Option<&toml::Value>) -> String {
     let name = parameter.name;
     let (setting, unset) = match (value, parameter.unset) {
@@ -54,7 +54,7 @@ fn entry(parameter: &Parameter, value: Option<&toml::Value>) -> String {
     }
 }
 
-/// `words` as lines of a comment, each of at most [`COLUMNS`].
+/// `words` as comment lines of at most [`COLUMNS`].
 fn comment(words: &str) -> String {
     let mut text = String::new();
     let mut columns = COLUMNS;

@@ -1,4 +1,4 @@
-//! The list of parameters agrees with all that is made of it.
+//! The list of parameters agrees with everything generated from it.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -9,12 +9,12 @@ use toml::Table;
 use super::super::layout::set;
 use super::*;
 
-/// The parameters that a text gives.
+/// The parameters in a text.
 fn read(text: &str) -> Result<Parameters, FileError> {
     Parameters::read(&TomlFile::parse(text, Path::new("parameters.toml"))?)
 }
 
-/// The text that states all of these.
+/// A text with all of these parameters.
 fn text(parameters: &Parameters) -> String {
     let mut root = Table::new();
     for (parameter, value) in parameters.values() {
@@ -32,7 +32,7 @@ fn every_default_is_in_its_range() {
 }
 
 #[test]
-fn the_sample_states_the_defaults_of_all_that_a_user_chooses() {
+fn the_sample_contains_all_users_parameters_with_defaults() {
     let sample = sample();
     assert_eq!(read(&sample).unwrap(), Parameters::default());
     let stated: Table = sample.parse().unwrap();
@@ -48,7 +48,7 @@ fn the_sample_states_the_defaults_of_all_that_a_user_chooses() {
 }
 
 #[test]
-fn a_commented_line_of_the_sample_is_a_setting_once_the_mark_is_gone() {
+fn commented_lines_of_the_sample_are_valid_settings() {
     for name in ["margin", "quality"] {
         let set = sample().replace(&format!("# {name} = "), &format!("{name} = "));
         assert_ne!(read(&set).unwrap(), Parameters::default(), "{name}");
@@ -103,7 +103,7 @@ fn every_parameter_is_described_once() {
 }
 
 #[test]
-fn a_number_has_a_range_and_anything_else_words_or_a_default_in_words() {
+fn every_parameter_has_a_range_named_values_or_a_description() {
     for (parameter, value) in Parameters::default().values() {
         let is_number = value.is_some_and(|v| v.is_float() || v.is_integer());
         let has_range = parameter.range.is_some();
@@ -116,7 +116,7 @@ fn a_number_has_a_range_and_anything_else_words_or_a_default_in_words() {
 }
 
 #[test]
-fn every_word_of_a_choice_is_read_as_itself() {
+fn every_named_value_is_read_back() {
     for parameter in PARAMETERS.iter().filter(|p| !p.words.is_empty()) {
         for word in parameter.words {
             let value = match *word {
@@ -133,7 +133,7 @@ fn every_word_of_a_choice_is_read_as_itself() {
 }
 
 #[test]
-fn a_parameter_out_of_its_range_is_named_where_it_stands() {
+fn a_parameter_out_of_range_is_refused_with_its_place() {
     let refused = |text: &str| {
         let file = TomlFile::parse(text, Path::new("hall.toml")).unwrap();
         let parameters = Parameters::read(&file).unwrap();
@@ -170,7 +170,7 @@ fn seconds_are_the_nearest_ticks() {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read_and_what_is_beyond_a_range_refused(
+    fn written_values_are_read_and_values_out_of_range_refused(
         which in any::<prop::sample::Index>(),
         share in 0.0_f64..=1.0,
         beyond in 1e-3_f64..1e3,
@@ -192,7 +192,8 @@ proptest! {
         let parameters = read(&inside).unwrap();
         prop_assert_eq!(&read(&text(&parameters)).unwrap(), &parameters);
         let file = TomlFile::parse(&inside, Path::new("hall.toml")).unwrap();
-        // Where two parameters depend on each other, a value in its range can still be refused.
+        // Two parameters may depend on each other, so that a value in its range can still be
+        // refused.
         if parameter.table != "boxes" {
             prop_assert!(parameters.check(&file).is_ok());
         }

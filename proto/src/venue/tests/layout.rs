@@ -1,9 +1,9 @@
-//! Fields that stand in the wrong place.
+//! Fields in the wrong place.
 
 use super::super::parameters::{Audience, PARAMETERS};
 use super::check;
 
-/// What stands in the venue of these tests where parameters may stand.
+/// A table of the venue in these tests at which parameters may be.
 const TUNED: &str = "[tuning]\nlattice.half_width_m = 0.3";
 
 #[test]
@@ -35,7 +35,7 @@ fn a_users_field_is_refused_under_tuning() {
 }
 
 #[test]
-fn an_unknown_field_of_a_table_is_answered_with_the_place_of_the_nearest() {
+fn an_unknown_field_is_refused_with_the_place_of_the_nearest() {
     check(
         TUNED,
         "[smoothing]\ncutof_hz = 2.0",
@@ -49,7 +49,7 @@ fn an_unknown_field_of_a_table_is_answered_with_the_place_of_the_nearest() {
 }
 
 #[test]
-fn every_field_of_tuning_is_refused_among_the_users_with_its_one_place() {
+fn every_tuning_field_in_a_users_table_is_refused_with_its_place() {
     let tuning = PARAMETERS.iter().filter(|p| p.audience == Audience::Tuning);
     for (table, name) in tuning.map(|p| (p.table, p.name)) {
         check(

@@ -4,7 +4,7 @@ use super::{VENUE, check, parse};
 
 #[test]
 fn a_person_given_by_hand_must_show_a_body() {
-    // Symptom to prevent: no body could be fitted to such a person, who was missing without a word.
+    // Regression: no body could be fitted to such a person, who was missing without an error.
     check(
         ", nose = [0.0, 0.3, 1.6]",
         "",
@@ -35,7 +35,7 @@ fn without_a_network_the_names_given_by_hand_are_those_of_coco() {
 
 #[test]
 fn a_person_given_by_hand_has_the_size_of_a_body() {
-    // Symptom to prevent: somebody given in millimetres was followed by nobody, without a word.
+    // Regression: a person given in millimetres was never tracked, without an error.
     check(
         "[0.0, 0.3, 1.6]",
         "[0.0, 0.3, 1600.0]",
@@ -44,8 +44,8 @@ fn a_person_given_by_hand_has_the_size_of_a_body() {
 }
 
 #[test]
-fn a_person_given_by_hand_stands_in_the_field_or_near_it() {
-    // Symptom to prevent: somebody given elsewhere was let go at the first tick, without a word.
+fn a_person_given_by_hand_is_in_or_near_the_field() {
+    // Regression: a person given elsewhere was dropped at the first tick, without an error.
     let at = |y: &str, nose_y: &str| {
         let moved = VENUE.replace(", 0.2, ", &format!(", {y}, "));
         parse(&moved.replace("0.3, 1.6]", &format!("{nose_y}, 1.6]")))

@@ -1,4 +1,4 @@
-//! Where cameras' pictures come from, as a user writes it.
+//! Tests of the sources of cameras.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use super::super::*;
 use super::{VENUE, calibration, check, parse, refusal};
 
 #[test]
-fn a_camera_says_what_its_ticks_come_from() {
+fn a_camera_has_a_source_of_tick_numbers() {
     let with = |line: &str| {
         let south = "source = { kind = \"v4l\", device = \"/dev/video0\" }";
         let text = VENUE.replace(south, &format!("{south}\n{line}"));
@@ -22,8 +22,8 @@ fn a_camera_says_what_its_ticks_come_from() {
         ("tick_from = \"cuont\"", "count"),
         ("capture_delay_ms = -1.0", "0 to 10000"),
     ] {
-        let said = with(wrong).unwrap_err().to_string();
-        assert!(said.contains(expected), "{said}");
+        let message = with(wrong).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
     }
 }
 
@@ -104,7 +104,7 @@ fn keypoint_files_need_no_network_and_pictures_do() {
 }
 
 #[test]
-fn a_simulated_camera_names_its_scene_and_what_it_gives() {
+fn a_simulated_camera_has_a_scene_and_a_content() {
     let simulated = |more: &str| {
         let text = format!("kind = \"simulated\", path = \"scene.toml\"{more}");
         VENUE.replace("kind = \"video\", path = \"videos/ne-left.mp4\"", &text)

@@ -8,7 +8,7 @@ fn with_streams(text: &str) -> String {
 }
 
 #[test]
-fn streams_are_text_with_the_lines_at_which_they_stand() {
+fn streams_are_text_with_their_lines() {
     let text = with_streams(
         "[[stream]]\nto = \"vmc\"\naddress = \"127.0.0.1:39539\"\n[[stream]]\nto = \"carrier-pigeon\"",
     );
@@ -18,7 +18,7 @@ fn streams_are_text_with_the_lines_at_which_they_stand() {
     };
     assert_eq!(vmc.to, "vmc");
     assert_eq!(vmc.address.as_deref(), Some("127.0.0.1:39539"));
-    // What no stream is called is for the one to refuse who opens them: an edge opens none.
+    // Unknown protocols are refused by the command that opens streams; an edge opens none.
     assert_eq!(
         (other.to.as_str(), &other.address),
         ("carrier-pigeon", &None)
@@ -28,7 +28,7 @@ fn streams_are_text_with_the_lines_at_which_they_stand() {
         at(StreamField::To),
         "venues/hall.toml:37: `stream[1].to`: found it"
     );
-    // Of a field that is not there, the line of what it would be a part of.
+    // For an absent field, the line of its table.
     assert_eq!(
         at(StreamField::Address),
         "venues/hall.toml:36: `stream[1].address`: found it"
@@ -36,7 +36,7 @@ fn streams_are_text_with_the_lines_at_which_they_stand() {
 }
 
 #[test]
-fn streams_that_nobody_could_open_are_refused_with_line_and_field() {
+fn impossible_streams_are_refused_with_line_and_field() {
     let refused = |text: &str| parse(&with_streams(text)).unwrap_err().to_string();
     for (text, expected) in [
         (
@@ -64,8 +64,8 @@ fn streams_that_nobody_could_open_are_refused_with_line_and_field() {
             "`stream[0].to`: the field is missing",
         ),
     ] {
-        let told = refused(text);
-        assert!(told.contains(expected), "{told}\n{expected}");
+        let message = refused(text);
+        assert!(message.contains(expected), "{message}\n{expected}");
     }
     let many = (0..33).map(|i| format!("[[stream]]\nto = \"s{i}\"\n"));
     let many = many.collect::<Vec<_>>().concat();

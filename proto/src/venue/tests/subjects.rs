@@ -1,4 +1,4 @@
-//! Who may come.
+//! Expected people.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ fn with_subjects(text: &str) -> String {
 }
 
 #[test]
-fn a_subject_is_a_profile_beside_the_venue_or_a_name_and_a_stature() {
+fn a_subject_is_a_profile_or_a_name_and_a_stature() {
     let text = with_subjects(
         "[[subject]]\nprofile = \"subjects/anna.toml\"\n[[subject]]\nname = \"Bo\"\nstature_m = 1.9",
     );
@@ -22,12 +22,15 @@ fn a_subject_is_a_profile_beside_the_venue_or_a_name_and_a_stature() {
         stature_m: 1.9,
     };
     assert_eq!(known, [&profile, &stature]);
-    let told = venue.subjects[0].error("found it").to_string();
-    assert_eq!(told, "venues/hall.toml:34: `subject[0].profile`: found it");
+    let message = venue.subjects[0].error("found it").to_string();
+    assert_eq!(
+        message,
+        "venues/hall.toml:34: `subject[0].profile`: found it"
+    );
 }
 
 #[test]
-fn a_subject_that_nobody_can_be_is_refused_with_line_and_field() {
+fn an_impossible_subject_is_refused_with_line_and_field() {
     for (text, expected) in [
         ("[[subject]]\n", "`subject[0]`: expected `profile` alone"),
         (
@@ -63,14 +66,14 @@ fn a_subject_that_nobody_can_be_is_refused_with_line_and_field() {
             "34: `subject[0].height_m`: unknown field",
         ),
     ] {
-        let told = parse(&with_subjects(text)).unwrap_err().to_string();
-        assert!(told.contains(expected), "{told}\n{expected}");
+        let message = parse(&with_subjects(text)).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}\n{expected}");
     }
     let many = (0..257).map(|i| format!("[[subject]]\nprofile = \"{i}.toml\"\n"));
     let many = parse(&with_subjects(&many.collect::<String>()));
-    let told = many.unwrap_err().to_string();
+    let message = many.unwrap_err().to_string();
     assert!(
-        told.contains("`subject`: found 257, expected at most 256"),
-        "{told}"
+        message.contains("`subject`: found 257, expected at most 256"),
+        "{message}"
     );
 }
