@@ -1,4 +1,4 @@
-//! How the cameras of a venue agree, as fusion finds it.
+//! The agreement of a venue's cameras, as estimated by fusion.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,55 +7,55 @@ use crate::id::CameraIndex;
 use crate::printed::signed;
 use crate::wire::MAX_CAMERAS;
 
-/// Most cameras in one status: all that a venue may have.
+/// Largest number of cameras in one status: the maximum of a venue.
 pub const MAX_AGREEMENTS: usize = MAX_EDGES * MAX_CAMERAS;
 
-/// How one camera agrees with the others.
+/// The agreement of one camera with the others.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct CameraAgreement {
-    /// What is to be thought of it.
+    /// The verdict.
     pub verdict: AgreementVerdict,
-    /// Keypoints that were compared with those of other cameras.
+    /// Keypoints compared with those of other cameras.
     pub keypoints: u64,
-    /// How far its lines of sight pass those of the camera that it agrees with best, millimetres: the median; `None`
-    /// where nothing could be compared, or most lines would meet behind a camera.
+    /// Median distance of its lines of sight from those of the camera with the best agreement,
+    /// millimetres. `None` without comparisons, or if most lines would meet behind a camera.
     pub distance_mm: Option<f32>,
     /// The same in its picture, pixels.
     pub distance_px: Option<f32>,
-    /// By how many ticks its pictures are late (negative: early) against those of the others; `None` where nothing
-    /// moved enough to tell.
+    /// Delay of its pictures relative to the other cameras, ticks (negative: early); `None` without
+    /// enough motion for an estimate.
     pub late_ticks: Option<f32>,
 }
 
-/// What is to be thought of a camera.
+/// The verdict about a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AgreementVerdict {
     /// Nothing could be compared.
     #[default]
     Unknown,
-    /// It shows what the others show.
+    /// It agrees with the other cameras.
     Agrees,
-    /// It does not.
+    /// It contradicts them.
     Disagrees,
 }
 
-/// How a camera of the venue agrees, in fusion's status.
+/// The agreement of one camera, in fusion's status.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AgreementOfCamera {
-    /// Which.
+    /// The camera.
     pub camera: CameraIndex,
-    /// How.
+    /// Its agreement.
     pub agreement: CameraAgreement,
 }
 
 impl CameraAgreement {
-    /// Whether anything is known of it.
+    /// Whether there is an estimate.
     pub fn is_known(&self) -> bool {
         self.keypoints > 0 || self.verdict != AgreementVerdict::Unknown
     }
 
-    /// It in a few words, for people.
+    /// A short description for people.
     pub fn words(&self) -> String {
         let verdict = match self.verdict {
             AgreementVerdict::Unknown => "could not be compared",
@@ -77,7 +77,7 @@ impl CameraAgreement {
 /// Checks counts and numbers.
 ///
 /// # Errors
-/// What is wrong, in a few words.
+/// A short description of the problem.
 pub(super) fn check(cameras: &[AgreementOfCamera]) -> Result<(), &'static str> {
     if cameras.len() > MAX_AGREEMENTS {
         return Err("more cameras than a venue may have");

@@ -1,7 +1,7 @@
-//! What must hold of a message before it is used: counts, sizes, orders and numbers.
+//! Validity checks of messages: counts, sizes, orders and numbers.
 //!
-//! A message that passed is valid in its form; whether it makes sense (a camera that exists, a session that lives) is
-//! for the node to decide.
+//! A message that passes is well formed. Whether it makes sense (an existing camera, a current
+//! session) is checked by the node.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -74,7 +74,7 @@ fn check_patch(patch: &PersonPatch) -> Result<(), &'static str> {
     )
 }
 
-/// Writes a message and what stands behind it from version 2 on.
+/// Writes a message and the number that follows it from version 2 on.
 fn write_with_nth(
     message: &impl Serialize,
     nth_tick: u16,
@@ -88,7 +88,7 @@ fn write_with_nth(
     postcard::to_extend(&nth_tick, bytes)
 }
 
-/// A message, what stands behind it from version 2 on, else 0, and what follows.
+/// Reads a message, the number that follows it from version 2 on (else 0), and returns the rest.
 fn read_with_nth<M: DeserializeOwned>(
     version: u8,
     bytes: &[u8],

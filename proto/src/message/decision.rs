@@ -1,4 +1,4 @@
-//! Which sets fusion used for a tick: with it and all messages, the tick can be computed again.
+//! The sets that fusion used for a tick. With them and all messages, the tick can be recomputed.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,8 +7,8 @@ use crate::message::live::MAX_EDGES;
 use crate::tick::Tick;
 use crate::wire::{MAX_PARTS, Message};
 
-/// Fusion to all: the sets from which the poses of a tick were computed. Which sets came in time is the only thing that
-/// depends on a clock; all else follows from the messages.
+/// Fusion to all: the sets from which the poses of a tick were computed. Only the timely arrival of
+/// sets depends on a clock; everything else follows from the messages.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
     /// Fusion's session.
@@ -17,20 +17,20 @@ pub struct Decision {
     pub first: Tick,
     /// The tick that was computed.
     pub tick: Tick,
-    /// How many ticks ahead the boxes that followed were made, by viewpoint; empty in lock-step.
+    /// Prediction horizon of the boxes that followed, ticks, by viewpoint; empty in lock-step.
     pub horizons_ticks: Vec<f64>,
-    /// The patch sets that were there, by viewpoint and part.
+    /// The patch sets that had arrived, by viewpoint and part.
     pub patches: Vec<UsedSet>,
-    /// The sighting sets that were there, by viewpoint and part.
+    /// The sighting sets that had arrived, by viewpoint and part.
     pub sightings: Vec<UsedSet>,
 }
 
 /// One message of the tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct UsedSet {
-    /// Who sent it.
+    /// The sender.
     pub viewpoint: ViewpointIndex,
-    /// Its number among those of the tick.
+    /// Its part number within the tick.
     pub part: u16,
 }
 
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn sets_out_of_order_or_twice_are_no_decision() {
+    fn unordered_or_duplicate_sets_are_refused() {
         decode::<Decision>(&encode(&decision(&[(0, 0), (0, 1), (2, 0)]))).unwrap();
         for wrong in [[(0, 0), (0, 0)], [(1, 0), (0, 0)]] {
             let read = decode::<Decision>(&encode(&decision(&wrong)));
@@ -96,7 +96,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_decision_comes_back(
+        fn every_decision_is_read_back(
             sets in prop::collection::btree_set((any::<u16>(), 0..MAX_PARTS), 0..40),
             ticks in any::<(i64, i64)>(),
             horizons_ticks in prop::collection::vec(-1e6..1e6, 0..8),
@@ -112,7 +112,7 @@ mod tests {
         }
 
         #[test]
-        fn no_bytes_bring_the_reader_down(bytes in any::<Vec<u8>>()) {
+        fn arbitrary_bytes_cause_no_panic(bytes in any::<Vec<u8>>()) {
             drop(decode::<Decision>(&[&[crate::wire::VERSION], &bytes[..]].concat()));
         }
     }

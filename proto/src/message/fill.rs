@@ -1,5 +1,5 @@
-//! Filling holes: how fusion gets the sets of an outage from an edge's ring. It asks for a range of ticks, gets a
-//! bounded answer, and asks again for the rest.
+//! Filling gaps: how fusion gets the sets of an outage from an edge's ring. It requests a range of
+//! ticks, gets a bounded answer, and requests the rest.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,47 +7,47 @@ use crate::id::SessionId;
 use crate::tick::Tick;
 use crate::wire::{MAX_MESSAGE_BYTES, Message};
 
-/// Most bytes of stored messages in one answer: far less than a message may have, so that an answer never delays the
-/// patches of a tick for long.
+/// Most bytes of stored messages in one answer. It is far below the limit of a message, so an
+/// answer never delays the patches of a tick for long.
 pub const MAX_ANSWER_BYTES: u32 = 64 * 1024;
 /// Most stored messages in one answer.
 pub const MAX_STORED: usize = 4096;
-/// Most ticks in one question.
+/// Most ticks in one request.
 pub const MAX_TICKS: i64 = 1 << 20;
 
-/// Fusion to edge, as the payload of a query: which sets are stored of these ticks?
+/// Fusion to edge, as a query payload: a request for the stored sets of these ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FillRequest {
-    /// The session of fusion whose sets are meant.
+    /// The session of fusion.
     pub session: SessionId,
     /// First tick.
     pub from: Tick,
     /// The tick after the last.
     pub to: Tick,
-    /// Most bytes of stored messages that fusion wants at once; the first tick's come whatever they take.
+    /// Most bytes of stored messages in the answer; the first tick's messages are always included.
     pub max_bytes: u32,
 }
 
-/// Edge to fusion, as the reply: what was stored of the ticks from the question's first up to `to`.
+/// Edge to fusion, as the reply: the stored sets from the first requested tick up to `to`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filled {
-    /// The tick after the last that the answer covers: of ticks before it, the edge has stored nothing else. Equal to
-    /// the request's first tick when the edge has no room on its link now.
+    /// The tick after the last that the answer covers; the edge has stored nothing else before it.
+    /// Equal to the request's first tick when the edge's link has no room now.
     pub to: Tick,
-    /// The messages, as they were sent or would have been.
+    /// The messages, as sent or as prepared for sending.
     pub stored: Vec<StoredSet>,
 }
 
 /// One stored message.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoredSet {
-    /// Which kind of set it is, and so its key.
+    /// The kind of set, which determines its key.
     pub kind: SetKind,
-    /// The message as it travels.
+    /// The encoded message.
     pub bytes: Vec<u8>,
 }
 
-/// What an edge stores.
+/// The kinds of stored sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum SetKind {
     /// A [`crate::message::PatchSet`].
@@ -95,7 +95,7 @@ mod tests {
     use crate::wire::{VERSION, decode, encode};
 
     #[test]
-    fn a_question_is_about_some_ticks_and_not_about_all() {
+    fn a_request_has_a_bounded_range_of_ticks() {
         let asked = |from, to, max_bytes| {
             let request = FillRequest {
                 session: SessionId(7),
@@ -112,7 +112,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_answer_comes_back(
+        fn every_answer_is_read_back(
             to in any::<i64>(),
             stored in prop::collection::vec((any::<bool>(), any::<Vec<u8>>()), 0..8),
         ) {
@@ -125,7 +125,7 @@ mod tests {
         }
 
         #[test]
-        fn no_bytes_bring_the_reader_down(bytes in any::<Vec<u8>>()) {
+        fn arbitrary_bytes_cause_no_panic(bytes in any::<Vec<u8>>()) {
             let bytes = [&[VERSION], &bytes[..]].concat();
             drop((decode::<FillRequest>(&bytes), decode::<Filled>(&bytes)));
         }

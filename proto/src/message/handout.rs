@@ -1,11 +1,11 @@
-//! Handout: how fusion sends the venue's files to its edges. A list of the files, signed where there are keys, and their
-//! bytes in chunks.
+//! Handout: how fusion sends the venue's files to its edges. A list of the files, signed if there
+//! are keys, and their bytes in chunks.
 
 use serde::{Deserialize, Serialize};
 
 use crate::wire::Message;
 
-/// Bytes of a file in one answer: little enough that the patches of a tick do not wait behind it.
+/// Bytes of a file in one answer: small enough that the patches of a tick do not wait behind it.
 pub const CHUNK_BYTES: u64 = 64 * 1024;
 /// Most files of a list.
 pub const MAX_FILES: usize = 16;
@@ -13,24 +13,25 @@ pub const MAX_FILES: usize = 16;
 pub const MAX_PATH_BYTES: usize = 1024;
 /// Most bytes of a list, of a certificate and of a signature.
 const MAX_LIST_BYTES: usize = 64 * 1024;
-/// Prefix of the signed bytes (domain separation): a signature of something else is not valid for a list.
+/// Prefix of the signed bytes (domain separation): a signature of other data is not valid for a
+/// list.
 pub const SIGNED_AHEAD: &[u8] = b"farfield handout 1\0";
 
 /// Edge to fusion, as the payload of a query.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum HandoutRequest {
-    /// Which files are there? Answered with a [`SignedList`].
+    /// The list of files. Answered with a [`SignedList`].
     List,
     /// Bytes of a file, from an offset, at most [`CHUNK_BYTES`]. Answered with a [`Chunk`].
     Chunk {
-        /// The file's place in the list.
+        /// Index of the file in the list.
         file: u16,
         /// The first byte.
         from: u64,
     },
 }
 
-/// What a file is.
+/// The kind of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum FileKind {
     /// The venue file.
@@ -73,7 +74,7 @@ pub struct FileList {
 /// One file of a venue.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SharedFile {
-    /// What it is.
+    /// Its kind.
     pub kind: FileKind,
     /// Its path relative to the folder of the venue file; empty for the venue file itself.
     pub path: String,
@@ -181,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_larger_than_agreed_is_refused() {
+    fn oversized_answers_are_refused() {
         let chunk = |n: u64| Chunk {
             bytes: vec![0; n as usize],
         };

@@ -1,4 +1,4 @@
-//! How a node is, beyond its work: its clock, its keys, whom it follows, and what a person should know.
+//! The health of a node beyond its work: clock, keys, followed session, and warnings.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,25 +6,25 @@ use super::live::MAX_EDGES;
 use crate::id::SessionId;
 use crate::wire::MAX_REASON_BYTES;
 
-/// Most that a system's clock may be ahead of the node's, either way, microseconds: a machine that was never told the time
-/// is in 1970.
+/// Largest difference between a system's clock and the node's, either way, microseconds: a machine
+/// whose clock was never set is in 1970.
 pub const MAX_AHEAD_US: i64 = 100 * 365 * 86_400 * 1_000_000;
 /// Most notices of one status.
 pub const MAX_NOTICES: usize = 16;
 
-/// How a node is.
+/// The health of a node.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct NodeHealth {
-    /// What the system says of its clock; `None` where it says nothing.
+    /// The state of the system's clock; `None` if unknown.
     pub system_clock: Option<SystemClock>,
-    /// When the node's certificate ends, Unix time in seconds; `None` without keys.
+    /// End of the node's certificate, Unix time in seconds; `None` without keys.
     pub certificate_ends_s: Option<u64>,
-    /// The session of fusion that an edge follows; of fusion its own.
+    /// The session of fusion that an edge follows; fusion's own session for fusion.
     pub follows: Option<SessionId>,
-    /// Of fusion: what is known of its links beside [`LiveStatus::edges`](super::live::LiveStatus::edges), in the same
-    /// order.
+    /// For fusion: its links, in the order of
+    /// [`LiveStatus::edges`](super::live::LiveStatus::edges), with additional values.
     pub links: Vec<LinkHealth>,
-    /// What is not as it should be, in words, the worst first; at most [`MAX_NOTICES`], each at most
+    /// Warnings in plain text, the most severe first; at most [`MAX_NOTICES`], each at most
     /// [`crate::wire::MAX_REASON_BYTES`] long.
     pub notices: Vec<String>,
 }
@@ -32,28 +32,29 @@ pub struct NodeHealth {
 /// The clock of a node's system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct SystemClock {
-    /// Whether something (NTP, PTP) keeps it right, as the system says.
+    /// Whether the system reports that NTP or PTP synchronises it.
     pub synchronised: bool,
-    /// By how much it may be wrong at most, microseconds, where the system says that.
+    /// Its maximum error, microseconds, if the system reports one.
     pub max_error_us: Option<u32>,
-    /// Its time less that of the clock by which the node goes, microseconds. The latter never jumps: where somebody sets
-    /// the system's clock, this says by how much.
+    /// Its time minus the time of the node's clock, microseconds. The node's clock never jumps, so
+    /// this is the size of a jump when the system's clock is set.
     pub ahead_us: i64,
 }
 
-/// What fusion knows of its link to one edge.
+/// Fusion's data about its link to one edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct LinkHealth {
-    /// How far the measured offset of the edge's clock may be from the true one, microseconds.
+    /// Maximum error of the measured clock offset of the edge, microseconds.
     pub clock_uncertainty_us: Option<u32>,
-    /// The correction that the edge is told, microseconds.
+    /// The correction that fusion sends to the edge, microseconds.
     pub clock_correction_us: Option<i32>,
-    /// Messages of the edge that found no place or came faster than any edge may send, since the start.
+    /// Messages of the edge that found no room, or that came faster than any edge may send, since
+    /// the start.
     pub dropped: u64,
 }
 
 impl NodeHealth {
-    /// Adds a notice, cut to what may be sent; one too many is left out.
+    /// Adds a notice, cut to the allowed length; ignored if there are already too many.
     pub fn notice(&mut self, text: String) {
         if self.notices.len() < MAX_NOTICES {
             self.notices.push(crate::wire::cut_reason(text));
@@ -63,7 +64,7 @@ impl NodeHealth {
     /// Checks counts and lengths.
     ///
     /// # Errors
-    /// What is wrong, in a few words.
+    /// A short description of the problem.
     pub(super) fn check(&self) -> Result<(), &'static str> {
         if self.links.len() > MAX_EDGES {
             return Err("more edges than a venue may have");
@@ -110,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_noticed_can_be_sent() {
+    fn every_notice_can_be_sent() {
         let mut health = NodeHealth::default();
         for _ in 0..=MAX_NOTICES {
             health.notice("\u{2026}".repeat(MAX_REASON_BYTES));

@@ -1,4 +1,4 @@
-//! What changed who is who at a tick, with the reason and its numbers.
+//! Changes of identity at a tick, with the reason and its numbers.
 
 use std::fmt;
 
@@ -8,120 +8,121 @@ use crate::id::{PersonId, SessionId};
 use crate::tick::Tick;
 use crate::wire::Message;
 
-/// Most events in one message, and of one tick: fusion leaves out what is more.
+/// Most events in one message, and of one tick; fusion drops the rest.
 pub const MAX_EVENTS: usize = 4096;
 
-/// Fusion to all: what changed who is who at a tick. Said only of ticks at which something did.
+/// Fusion to all: the changes of identity at a tick. Sent only for ticks with changes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct IdentityEventSet {
     /// Fusion's session.
     pub session: SessionId,
     /// The tick.
     pub tick: Tick,
-    /// In the order in which they were decided.
+    /// In the order of the decisions.
     pub events: Vec<IdentityEvent>,
 }
 
 /// One event of one person. Its text is a line for operators.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct IdentityEvent {
-    /// Who, by the id that it had until then.
+    /// The person, by its id before the event.
     pub person: PersonId,
-    /// By which patches and boxes name the person.
+    /// The id of the person in patches and boxes.
     pub wire_id: PersonId,
-    /// What happened.
+    /// The change.
     pub change: Change,
 }
 
-/// What happened to a person.
+/// A change of a person's track.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Change {
-    /// Several viewpoints sighted somebody whom nobody follows: a tentative track begins.
+    /// Several viewpoints sighted a person without a track: a tentative track begins.
     Initiate {
-        /// How many viewpoints.
+        /// Number of viewpoints.
         views: u16,
     },
-    /// The venue file says that somebody is there.
+    /// The venue file places a person there.
     #[serde(rename = "give")]
     Given,
-    /// A tentative person whose crops have not come yet was sighted elsewhere, and is followed from there.
+    /// A tentative person without crops so far was sighted elsewhere; its track moves there.
     Reinitiate {
-        /// How far from where it was, metres.
+        /// Distance from the previous position, metres.
         moved_m: f32,
     },
-    /// A tentative person is somebody: from now on it is published.
+    /// A tentative person is confirmed and published from now on.
     Confirm {
-        /// For how long two viewpoints have shown it, seconds.
+        /// Time during which two viewpoints have seen it, seconds.
         seen_s: f32,
     },
-    /// Who was confirmed was here before, and has its old id again.
+    /// A confirmed person was present before and gets its old id again.
     Recognise {
-        /// The id.
+        /// The old id.
         old: PersonId,
-        /// What speaks for it.
+        /// The evidence.
         why: Likeness,
     },
-    /// Somebody is lost: the model, or one viewpoint alone, carries it.
+    /// A person is lost: only the model, or a single viewpoint, carries its track.
     Lose {
-        /// For how long no two viewpoints have shown it, seconds.
+        /// Time without two viewpoints that see it, seconds.
         missing_s: f32,
     },
-    /// Somebody who was lost has been seen again for long enough.
+    /// A lost person has been seen again for long enough.
     Find {
-        /// For how long it was lost, seconds.
+        /// Time during which it was lost, seconds.
         lost_s: f32,
     },
-    /// Somebody lost was sighted, and is followed from there.
+    /// A lost person was sighted; its track moves there.
     Revive {
-        /// What speaks for it.
+        /// The evidence.
         why: Likeness,
     },
-    /// Somebody lost had followed what was seen of another: it is back where it stood alone.
+    /// A lost person's track had followed another person; it returns to the position where it was
+    /// alone.
     StepBack {
-        /// The other.
+        /// The other person.
         other: PersonId,
-        /// How far the joints of the two were apart, metres: the mean.
+        /// Mean distance of the joints of the two, metres.
         distance_m: f32,
-        /// How long ago it stood alone, seconds.
+        /// Time since it was alone, seconds.
         since_s: f32,
     },
-    /// Somebody is let go.
+    /// A track is dropped.
     Drop {
-        /// Why.
+        /// The reason.
         reason: DropReason,
     },
 }
 
-/// Why a person is let go.
+/// Why a track is dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DropReason {
-    /// Tentative: viewpoints that look do not see it.
+    /// Tentative: viewpoints that should see it do not.
     Contradicted {
-        /// How many saw it, summed over the detection passes.
+        /// Number of viewpoints that saw it, summed over the detection passes.
         seen: u32,
-        /// How many should have and did not.
+        /// Number of viewpoints that should have seen it but did not.
         missed: u32,
     },
     /// Tentative: it is flat and does not move.
     Poster {
         /// Distance of its keypoints from their plane, root mean square, metres.
         flat_m: f32,
-        /// How far they have moved, metres: the median.
+        /// Median distance that they have moved, metres.
         moved_m: f32,
     },
     /// Tentative: it was not seen again.
     NotSeenAgain {
-        /// For how long, seconds.
+        /// Time without a sighting, seconds.
         missing_s: f32,
     },
-    /// Nobody has seen it.
+    /// No viewpoint sees it.
     Unseen {
         /// For how long, seconds.
         unseen_s: f32,
     },
-    /// One viewpoint alone has seen it.
+    /// Only one viewpoint sees it.
     OneView {
         /// For how long, seconds.
         missing_s: f32,
@@ -131,36 +132,37 @@ pub enum DropReason {
         /// Its pelvis, world, metres.
         at_m: [f32; 3],
     },
-    /// Another stands in its place, and is surer.
+    /// Another track with more evidence is in the same place.
     SamePlace {
-        /// The other.
+        /// The other person.
         other: PersonId,
         /// For how long, seconds.
         for_s: f32,
     },
     /// It was lost, and the same person has been recognised elsewhere.
     FoundElsewhere,
-    /// The venue file says who stands there.
+    /// The venue file names the person at this place.
     GivenByHand,
 }
 
-/// What speaks for two being one person.
+/// The evidence that two tracks are one person.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Likeness {
-    /// Distance on the floor from where it was last surely seen, metres.
+    /// Distance on the floor from the last reliable position, metres.
     pub distance_m: f32,
-    /// How long ago that was, seconds.
+    /// Time since then, seconds.
     pub absence_s: f32,
-    /// How far the link lengths differ over how well they are measured, root mean square.
+    /// Difference of the link lengths over their standard deviation, root mean square.
     pub lengths_sigma: f32,
-    /// Natural logarithm of the likelihood ratio, the same person over another.
+    /// Natural logarithm of the likelihood ratio: the same person against another.
     pub log_ratio: f32,
-    /// By how much the next best pairing of all is worse, on the same scale; `None` without one.
+    /// By how much the next best pairing of all tracks is worse, on the same scale; `None` without
+    /// one.
     pub margin: Option<f32>,
 }
 
 impl Change {
-    /// The kind of the change, with its reason where there are several: what events are counted by.
+    /// The kind of the change, with its reason if there are several; events are counted by it.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Initiate { .. } => "initiate",
@@ -186,7 +188,8 @@ impl Change {
         }
     }
 
-    /// Whether every number in it is finite. Each field is named, so that none can be forgotten.
+    /// Whether every number is finite. All fields are listed, so that the compiler reports a new
+    /// one.
     fn is_finite(&self) -> bool {
         let are_finite = |numbers: &[f32]| numbers.iter().all(|number| number.is_finite());
         match self {
@@ -283,7 +286,7 @@ impl fmt::Display for DropReason {
                 "a poster, flat within {flat_m:.3} m, that moved by {moved_m:.3} m"
             ),
             Self::NotSeenAgain { missing_s } => write!(f, "not seen again for {missing_s:.2} s"),
-            Self::Unseen { unseen_s } => write!(f, "seen by nobody for {unseen_s:.1} s"),
+            Self::Unseen { unseen_s } => write!(f, "seen by no viewpoint for {unseen_s:.1} s"),
             Self::OneView { missing_s } => {
                 write!(f, "seen by one viewpoint alone for {missing_s:.1} s")
             }

@@ -1,4 +1,4 @@
-//! Every event comes back from the wire, and says itself in a line.
+//! Every event is read back, and has a line of text.
 
 use proptest::prelude::*;
 
@@ -16,7 +16,7 @@ fn likeness(numbers: [f32; 5], has_margin: bool) -> Likeness {
     }
 }
 
-/// Every kind of change, made of these numbers.
+/// Every kind of change with these numbers.
 fn changes(n: [f32; 5], other: u32, flag: bool) -> Vec<Change> {
     let (old, why) = (PersonId(other), likeness(n, flag));
     let reasons = [
@@ -75,13 +75,13 @@ fn set(changes: Vec<Change>) -> IdentityEventSet {
     }
 }
 
-/// Every kind of event, made of numbers that floats hold exactly: for the bytes that must not change.
+/// Every kind of event, with numbers that floats represent exactly, for the golden bytes.
 pub(crate) fn every_event() -> IdentityEventSet {
     set(changes([0.5, 1.0, 1.5, -2.0, 0.25], 300, true))
 }
 
 #[test]
-fn a_recognition_says_what_speaks_for_it() {
+fn the_text_of_a_recognition_contains_its_evidence() {
     let why = likeness([0.4, 3.0, 1.1, 4.0, 5.2], true);
     let old = PersonId(3);
     let events = set(vec![Change::Recognise { old, why }]).events;
@@ -92,7 +92,7 @@ fn a_recognition_says_what_speaks_for_it() {
 }
 
 #[test]
-fn every_change_has_a_name_and_a_line_of_its_own() {
+fn every_change_has_its_own_name_and_text() {
     use std::collections::BTreeSet;
 
     let all = changes([0.5; 5], 3, true);
@@ -105,7 +105,7 @@ fn every_change_has_a_name_and_a_line_of_its_own() {
 }
 
 #[test]
-fn more_events_than_a_tick_may_have_are_no_message() {
+fn too_many_events_are_refused() {
     let most = set(vec![Change::Given; MAX_EVENTS]);
     assert!(decode::<IdentityEventSet>(&encode(&most)).is_ok());
     let more = set(vec![Change::Given; MAX_EVENTS + 1]);
@@ -114,7 +114,7 @@ fn more_events_than_a_tick_may_have_are_no_message() {
 }
 
 #[test]
-fn one_number_that_is_none_is_no_message() {
+fn a_number_that_is_not_finite_is_refused() {
     for bad in [f32::NAN, f32::INFINITY] {
         for place in 0..5 {
             let mut numbers = [0.5; 5];
@@ -122,7 +122,7 @@ fn one_number_that_is_none_is_no_message() {
             let spoilt = changes(numbers, 3, true);
             for (change, sound) in spoilt.into_iter().zip(changes([0.5; 5], 3, true)) {
                 let read = decode::<IdentityEventSet>(&encode(&set(vec![change])));
-                // Who has not that many numbers is the same as before.
+                // A change without that many numbers is unchanged.
                 assert_eq!(read.is_err(), change != sound, "{change:?}");
             }
         }
@@ -131,7 +131,7 @@ fn one_number_that_is_none_is_no_message() {
 
 proptest! {
     #[test]
-    fn every_event_comes_back(
+    fn every_event_is_read_back(
         numbers in prop::array::uniform5(-1e6f32..1e6), other in any::<u32>(), flag in any::<bool>(),
     ) {
         let set = set(changes(numbers, other, flag));
@@ -139,7 +139,7 @@ proptest! {
     }
 
     #[test]
-    fn no_bytes_bring_the_reader_down(bytes in any::<Vec<u8>>()) {
+    fn arbitrary_bytes_cause_no_panic(bytes in any::<Vec<u8>>()) {
         drop(decode::<IdentityEventSet>(&[&[crate::wire::VERSION], &bytes[..]].concat()));
     }
 }

@@ -1,8 +1,8 @@
-//! The messages that nodes send to each other. Framing, bounds and versions are in [`crate::wire`].
+//! The messages between nodes. Framing, bounds and versions are in [`crate::wire`].
 //!
-//! From edge to fusion: [`PatchSet`], [`SightingSet`], and [`thumbnail::Thumbnail`] for people to look at; from fusion
-//! to edge: [`BoxSet`]; from fusion to all: [`PoseSet`], [`decision::Decision`]; from every node: [`Status`]. On request:
-//! the venue's files ([`handout`]) and stored sets ([`fill`]).
+//! From edge to fusion: [`PatchSet`], [`SightingSet`], and [`thumbnail::Thumbnail`] for display.
+//! From fusion to edge: [`BoxSet`]. From fusion to all: [`PoseSet`], [`decision::Decision`]. From
+//! every node: [`Status`]. On request: the venue's files ([`handout`]) and stored sets ([`fill`]).
 
 pub mod agreement;
 mod check;
@@ -29,100 +29,100 @@ use crate::order_statistics::percentile;
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 
-/// Most persons in one message, and of one viewpoint at one tick.
+/// Most people in one message, and of one viewpoint at one tick.
 pub const MAX_PERSONS: usize = 256;
-/// Most crops that the maps of one person in one camera may come from.
+/// Most crops for the maps of one person in one camera.
 pub const MAX_CROPS: usize = 4;
-/// Largest distance of a frame from its tick, microseconds (0.1 s): at the lowest rate at which people are tracked,
+/// Largest time difference between a frame and its tick, microseconds (0.1 s): at the lowest rate,
 /// 10 Hz, the next tick is nearer.
 pub const MAX_CAPTURE_OFFSET_US: i32 = 100_000;
 /// Most sightings in one message, and of one viewpoint at one tick.
 pub const MAX_SIGHTINGS: usize = 256;
 
-/// Edge to fusion: the persons of one viewpoint at one tick, or a part of them, readable alone.
+/// Edge to fusion: the people of one viewpoint at one tick, or a part of them, readable alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PatchSet {
-    /// The session whose person ids are meant.
+    /// The session of the person ids.
     pub session: SessionId,
     /// The tick of the pictures.
     pub tick: Tick,
     /// The sender's viewpoint.
     pub viewpoint: ViewpointIndex,
-    /// This message's number among those of the tick, from 0.
+    /// Part number within the tick, from 0.
     pub part: u16,
-    /// How many messages the tick has from this viewpoint, at least 1.
+    /// Number of parts of the tick from this viewpoint, at least 1.
     pub parts: u16,
-    /// How many [`SightingSet`] messages belong to this tick from this viewpoint (0: no detection pass ran).
+    /// Number of [`SightingSet`] messages of this tick from this viewpoint (0: no detection pass).
     pub sighting_parts: u16,
-    /// When it was sent and which box set had arrived by then; `None` in lock-step.
+    /// Its sending time and the latest received box set; `None` in lock-step.
     pub timing: Option<PatchTiming>,
-    /// The persons of this part.
+    /// The people of this part.
     pub persons: Vec<PersonPatch>,
 }
 
 /// The part confidence maps of one person in one camera at one tick, encoded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PersonPatch {
-    /// Who.
+    /// The person.
     pub person: PersonId,
     /// The camera that the edge chose.
     pub camera: CameraIndex,
-    /// The tick of the box that the crop came from.
+    /// The tick of the crop's box.
     pub box_tick: Tick,
-    /// Capture instant of the frame less the tick's time, microseconds, at most
+    /// Capture time of the frame minus the time of the tick, microseconds, at most
     /// [`MAX_CAPTURE_OFFSET_US`] either way.
     pub capture_offset_us: i32,
     /// The grids of the crops, in undistorted pixels of `camera`.
     pub crops: Vec<CellGrid>,
-    /// Per keypoint of the network's card: which of `crops` its map lies on.
+    /// Per keypoint of the network's card: the index in `crops` of its map.
     pub crop_of_keypoint: Vec<u8>,
     /// The maps, one per keypoint.
     pub maps: EncodedMaps,
 }
 
-/// Fusion to edge: where each person will be at a tick, and what else the edge is to do then.
+/// Fusion to edge: the predicted boxes of all people at a tick, and the edge's other orders.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BoxSet {
     /// Fusion's session.
     pub session: SessionId,
-    /// The tick that the boxes are made for.
+    /// The tick of the boxes.
     pub tick: Tick,
-    /// The viewpoint that it is for.
+    /// The receiving viewpoint.
     pub viewpoint: ViewpointIndex,
-    /// This message's number among those of the set, from 0; all but the persons is the same in each.
+    /// Part number within the set, from 0; everything except the people is equal in all parts.
     pub part: u16,
-    /// How many messages the set has, at least 1.
+    /// Number of parts of the set, at least 1.
     pub parts: u16,
-    /// Whether the run goes on.
+    /// Whether the run continues.
     pub order: Order,
     /// Clock and link; `None` in lock-step.
     pub live: Option<LiveBoxes>,
-    /// The cameras of this viewpoint that take part in a detection pass at this tick, ascending; at most ticks none.
+    /// The cameras of this viewpoint in a detection pass at this tick, ascending; usually empty.
     /// All viewpoints detect at the same ticks, because rays of different ticks do not meet.
     pub detection_cameras: Vec<CameraIndex>,
-    /// Where the persons will be.
+    /// The predicted boxes.
     pub persons: Vec<PersonBoxes>,
 }
 
-/// Whether a run goes on at a tick.
+/// Whether a run continues at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Order {
     /// Make patches for the boxes, and run the detector on [`BoxSet::detection_cameras`].
     Track,
-    /// The run is over: leave.
+    /// The run is over: stop.
     End,
 }
 
-/// Where one person will be in the cameras of one viewpoint.
+/// The predicted boxes of one person in the cameras of one viewpoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PersonBoxes {
-    /// Who.
+    /// The person.
     pub person: PersonId,
     /// One per camera of the viewpoint that could see the person.
     pub cameras: Vec<CameraBox>,
 }
 
-/// Where one person will be in one camera.
+/// The predicted box of one person in one camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraBox {
     /// The camera.
@@ -137,31 +137,31 @@ pub struct CameraBox {
     pub neck_px: [f32; 2],
 }
 
-/// Edge to fusion: people found without a box.
+/// Edge to fusion: people detected without a box.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SightingSet {
-    /// The session that asked.
+    /// The requesting session.
     pub session: SessionId,
     /// The tick of the pictures.
     pub tick: Tick,
-    /// Who sends.
+    /// The sender.
     pub viewpoint: ViewpointIndex,
-    /// This message's number among those of the tick, from 0.
+    /// Part number within the tick, from 0.
     pub part: u16,
-    /// How many messages the tick has, at least 1.
+    /// Number of parts of the tick, at least 1.
     pub parts: u16,
-    /// The people seen, in any camera of the viewpoint.
+    /// The detected people, in any camera of the viewpoint.
     pub sightings: Vec<Sighting>,
 }
 
-/// One person found by a detector in one camera.
+/// One person detected in one camera.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sighting {
     /// The camera.
     pub camera: CameraIndex,
     /// The detector's confidence, 0 to 1.
     pub score: f32,
-    /// Per keypoint of the network's card: where its best peak is; `None` when there is none.
+    /// Per keypoint of the network's card: its best peak; `None` without one.
     pub keypoints: Vec<Option<KeypointPeak>>,
 }
 
@@ -174,18 +174,18 @@ pub struct KeypointPeak {
     pub score: f32,
 }
 
-/// Fusion to all: the persons of a tick.
+/// Fusion to all: the people of a tick.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PoseSet {
     /// Fusion's session.
     pub session: SessionId,
     /// The tick.
     pub tick: Tick,
-    /// The persons, by id.
+    /// The people, by id.
     pub persons: Vec<PersonPose>,
 }
 
-/// Phase of a track, as published.
+/// Published state of a track.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PersonState {
@@ -200,38 +200,39 @@ pub enum PersonState {
 /// One person's skeleton at one tick.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PersonPose {
-    /// Who.
+    /// The person.
     pub person: PersonId,
     /// State of the track.
     pub state: PersonState,
     /// The 29 joints, world, metres, in the order of the skeletal model.
     pub joints_m: Vec<[f32; 3]>,
-    /// The keypoints' sites, world, metres, in the order of the network's card.
+    /// The keypoint sites, world, metres, in the order of the network's card.
     pub keypoints_m: Vec<[f32; 3]>,
-    /// Per joint, one standard deviation of its place per axis (sqrt(trace/3) of the covariance),
-    /// metres; empty while it is not known.
+    /// Per joint, one standard deviation of its position per axis (sqrt(trace/3) of the
+    /// covariance), metres; empty if unknown.
     pub sigma_m: Vec<f32>,
     /// The 40 reported angles, radians (root translations: metres), in the model's order.
     pub angles: Vec<f32>,
-    /// Bit i: angle i is carried by a prior, not by what was seen.
+    /// Bit i: angle i is determined by a prior, not by observations.
     pub unobserved: u64,
-    /// Viewpoints that gave evidence at this tick.
+    /// Viewpoints with evidence at this tick.
     pub views: u16,
 }
 
-/// Each node to all, once a second and while waiting for the start: identity and state of the node.
+/// Each node to all, once per second and while waiting for the start: identity and state of the
+/// node.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Status {
     /// Name of the node: the viewpoint's name, or "fusion".
     pub node: String,
-    /// A number that is different for every edge process, to tell two of one name apart; 0 for fusion.
+    /// A different number for every edge process, to distinguish two of one name; 0 for fusion.
     pub process: u64,
     /// The viewpoint, for an edge.
     pub viewpoint: Option<ViewpointIndex>,
-    /// Which farfield it runs, as `0.1.0`.
+    /// The release of Farfield, as `0.1.0`.
     pub release: String,
-    /// Whether everything is open and matched, and the node only waits for its first box set; false in the last status of an edge, and of a live
-    /// fusion whose run is over.
+    /// Whether everything is open and matched, and the node only waits for its first box set. False
+    /// in the last status of an edge, and of a live fusion whose run is over.
     pub ready: bool,
     /// Fingerprint of the venue file.
     pub venue_hash: String,
@@ -239,35 +240,35 @@ pub struct Status {
     pub calibration_hash: String,
     /// Fingerprint of the network and detector, with the backend's name; empty without a network.
     pub network_hash: String,
-    /// Inference backend, for people to read; empty without a network.
+    /// Inference backend, for display; empty without a network.
     pub backend: String,
-    /// The ticks that all of an edge's recorded sources hold, first and one past the last; `None`
+    /// The ticks that all recorded sources of an edge contain, first and one past the last; `None`
     /// for fusion and for live sources.
     pub ticks: Option<[Tick; 2]>,
-    /// The last tick that was worked on.
+    /// The last processed tick.
     pub tick: Option<Tick>,
     /// Messages that could not be read, since the start.
     pub unreadable: u64,
-    /// Why the node gave up, when it did.
+    /// Why the node failed, if it did.
     pub failure: Option<String>,
-    /// How long each stage took; in lock-step only in an edge's last status, when the run is over.
+    /// Duration of each stage; in lock-step only in an edge's last status.
     pub stages: Vec<StageTime>,
-    /// How it runs live; `None` in lock-step.
+    /// Live state; `None` in lock-step.
     pub live: Option<LiveStatus>,
-    /// How it is otherwise.
+    /// Health.
     pub health: NodeHealth,
-    /// Of live fusion: how the cameras agree, those of which it is known.
+    /// For live fusion: the agreement of the cameras, if known.
     pub agreement: Vec<AgreementOfCamera>,
 }
 
 impl Status {
-    /// Ticks that a live node did not work on though it should have, since its start; 0 in lock-step.
+    /// Ticks that a live node should have processed but did not, since its start; 0 in lock-step.
     pub fn missed_ticks(&self) -> u64 {
         self.live.as_ref().map_or(0, |live| live.missed_ticks)
     }
 
-    /// How many ticks the node has worked on since it was at tick `before` and had missed `missed_before`; `None` where
-    /// it is at none, or ticks have begun anew.
+    /// Number of ticks processed since the node was at tick `before` and had missed
+    /// `missed_before`. `None` without a tick, or if ticks restarted.
     pub fn ticks_done_since(&self, before: Tick, missed_before: u64) -> Option<i64> {
         let every_nth = self.live.as_ref().map_or(1, |live| live.every_nth_tick);
         let passed = self.tick?.0.checked_sub(before.0).filter(|it| *it >= 0)?;
@@ -280,16 +281,17 @@ impl Status {
 /// Most stages in one status.
 pub const MAX_STAGES: usize = 32;
 
-/// Name of the stage of detection passes in statuses and summaries: detector and keypoints, live the detector alone.
+/// Name of the stage of detection passes in statuses and summaries: detector and keypoints, or in
+/// live mode the detector alone.
 pub const DETECTION_STAGE: &str = "look";
 
-/// Name of the stage of the keypoints of detection passes, where they are made apart from the detector.
+/// Name of the stage of the keypoints of detection passes, if they are separate from the detector.
 pub const SIGHTING_STAGE: &str = "sight";
 
-/// How long one stage of a node took, over all ticks of a run.
+/// The durations of one stage of a node over all ticks of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StageTime {
-    /// Which stage.
+    /// Name of the stage.
     pub stage: String,
     /// Number of measurements.
     pub count: u64,
@@ -306,8 +308,8 @@ pub struct StageTime {
 }
 
 impl StageTime {
-    /// Summarises `samples_us` (microseconds; percentiles by nearest rank), sorting them in place. `None` when there are
-    /// none.
+    /// Summarises `samples_us` (microseconds; percentiles by nearest rank) and sorts them in place.
+    /// `None` without samples.
     pub fn from_samples(stage: &str, samples_us: &mut [u32]) -> Option<Self> {
         samples_us.sort_unstable();
         let total_us = samples_us.iter().map(|&us| u64::from(us)).sum();
@@ -346,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_that_a_node_left_out_or_missed_are_not_done() {
+    fn skipped_and_missed_ticks_do_not_count_as_done() {
         let at = |tick, every_nth_tick, missed_ticks| Status {
             tick: Some(Tick(tick)),
             live: Some(LiveStatus {

@@ -1,4 +1,5 @@
-//! Whom fusion takes for a subject of the venue, by the body, and whom for none, with the reason and its numbers.
+//! Matches of tracked people with the venue's subjects by their bodies, with the reason and its
+//! numbers.
 
 use std::fmt;
 
@@ -13,66 +14,69 @@ use crate::wire::Message;
 /// Most namings in one message, and of one tick.
 pub const MAX_NAMINGS: usize = 2 * MAX_PERSONS;
 
-/// Fusion to all: who was compared with the venue's subjects at a tick, and what that came to. Said only of ticks at which something
-/// was decided.
+/// Fusion to all: the results of comparisons with the venue's subjects at a tick. Sent only for
+/// ticks with a decision.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NamingSet {
     /// Fusion's session.
     pub session: SessionId,
     /// The tick.
     pub tick: Tick,
-    /// By person, rising.
+    /// By person, ascending.
     pub namings: Vec<Naming>,
 }
 
-/// What one person's comparison came to. Its text is a line for operators.
+/// The result of one person's comparison. Its text is a line for operators.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Naming {
-    /// Who.
+    /// The person.
     pub person: PersonId,
-    /// What was found.
+    /// The result.
     pub finding: Finding,
 }
 
-/// What a comparison came to.
+/// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Finding {
-    /// The person is taken for this subject from now on.
+    /// The person is identified as this subject from now on.
     Named {
         /// The subject's name.
         subject: String,
-        /// What speaks for it.
+        /// The evidence.
         why: BodyLikeness,
     },
-    /// No subject is like enough; said once of a person, when the body is measured for good.
+    /// No subject is similar enough; reported once per person, when the measurement of the body is
+    /// final.
     NobodyAlike {
-        /// The subject that is nearest of those whom nobody else is.
+        /// The nearest of the subjects that no other person has.
         nearest: String,
-        /// What speaks for it.
+        /// The evidence.
         why: BodyLikeness,
     },
-    /// It cannot be told which subject it is, or who of several it is; said once of a person, as [`Self::NobodyAlike`].
+    /// Several subjects, or several people, match equally well; reported once per person, as
+    /// [`Self::NobodyAlike`].
     Ambiguous {
-        /// The subject that is nearest.
+        /// The nearest subject.
         nearest: String,
-        /// What speaks for it.
+        /// The evidence.
         why: BodyLikeness,
     },
 }
 
-/// What speaks for a person being a subject.
+/// The evidence that a person is a subject.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct BodyLikeness {
-    /// How far the link lengths differ over how well they are known, root mean square.
+    /// Difference of the link lengths over their standard deviation, root mean square.
     pub lengths_sigma: f32,
-    /// Natural logarithm of the likelihood ratio, this subject over anybody.
+    /// Natural logarithm of the likelihood ratio: this subject against any person.
     pub log_ratio: f32,
-    /// By how much the next best pairing of all is worse, on the same scale; `None` without one.
+    /// By how much the next best pairing of all people is worse, on the same scale; `None` without
+    /// one.
     pub margin: Option<f32>,
 }
 
 impl NamingSet {
-    /// What is said of a tick; `None` where nothing was decided.
+    /// The message for a tick; `None` without decisions.
     pub fn of(session: SessionId, tick: Tick, namings: Vec<Naming>) -> Option<Self> {
         (!namings.is_empty()).then_some(Self {
             session,
@@ -83,7 +87,7 @@ impl NamingSet {
 }
 
 impl Naming {
-    /// The name that the person has from now on, if it was found.
+    /// The subject's name, if the person was identified.
     pub fn name(&self) -> Option<&str> {
         match &self.finding {
             Finding::Named { subject, .. } => Some(subject),
@@ -93,7 +97,7 @@ impl Naming {
 }
 
 impl Finding {
-    /// The kind of the finding.
+    /// The kind of the result.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Named { .. } => "named",
@@ -161,7 +165,7 @@ impl Message for NamingSet {
         for naming in &self.namings {
             let (name, why) = naming.finding.parts();
             if name.is_empty() || check_name(name).is_err() {
-                return Err("a name that nobody can have");
+                return Err("an invalid name");
             }
             let numbers = [why.lengths_sigma, why.log_ratio];
             if !numbers.into_iter().chain(why.margin).all(f32::is_finite) {
@@ -234,7 +238,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_nobody_can_say_is_refused() {
+    fn invalid_namings_are_refused() {
         let refused = |spoil: fn(&mut NamingSet)| {
             let mut set = every_naming();
             spoil(&mut set);

@@ -1,18 +1,19 @@
-//! Splits what does not fit one datagram into messages, each readable alone.
+//! Splits data that exceeds one datagram into messages, each readable alone.
 
 use super::{BoxSet, PersonBoxes};
 use crate::wire;
 
-/// Size up to which a message travels in one datagram, bytes. Zenoh fills datagrams of 1150 bytes over QUIC whatever the
-/// path carries, and adds its own head. What takes two datagrams is lost with either.
+/// Largest message in one datagram, bytes. Zenoh fills datagrams of 1150 bytes over QUIC on any
+/// path, including its own header. A message of two datagrams is lost with either.
 pub const MESSAGE_BYTES: usize = 1120;
-/// What part numbers and counts may take beyond the one byte each that they have in an empty message.
+/// Extra bytes that part numbers and counts may take beyond one byte each in an empty message.
 const SLACK_BYTES: usize = 8;
 
-/// Splits `items` over messages of at most [`MESSAGE_BYTES`], in order; at least one group, none but the first empty. An
-/// item that is larger alone gets a group of its own.
+/// Splits `items` over messages of at most [`MESSAGE_BYTES`], in order. There is at least one
+/// group, and only the first may be empty. An item that is too large gets a group of its own.
 ///
-/// `empty` is the size of a message without items, `measure` gives an item back with the bytes that it adds to it.
+/// `empty` is the size of a message without items. `measure` returns an item with its additional
+/// bytes.
 pub fn split<T>(
     items: Vec<T>,
     empty: usize,
@@ -38,7 +39,7 @@ pub fn split<T>(
     groups
 }
 
-/// The messages of a box set for a node that reads `version`: its persons in parts, numbered.
+/// The messages of a box set for a node that reads `version`: its people in numbered parts.
 pub fn box_messages(set: &BoxSet, version: u8) -> Vec<Vec<u8>> {
     let whole = wire::encode_as(set, version);
     if whole.len() <= MESSAGE_BYTES {
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_people_and_nobody_are_one_message() {
+    fn few_or_no_people_give_one_message() {
         for persons in [0, 3] {
             let set = boxes_of(persons);
             assert_eq!(read(&box_messages(&set, wire::VERSION)), [set]);

@@ -1,9 +1,9 @@
-//! A small picture of a camera, for people to look at, where the venue lets pictures leave the edge
+//! A small picture of a camera for display, if the venue allows pictures to leave the edge
 //! ([`crate::venue::Security::pictures`]).
 //!
-//! Fusion computes nothing from it, decodes it never, and records it never: it is passed on to who looks. What is
-//! checked here is what a browser could be harmed by: how many bytes there are, that they begin as a JPEG file does, and
-//! how many pixels they say they have.
+//! Fusion computes nothing from it, and never decodes or records it, but passes it to viewers. The
+//! checks protect a browser: number of bytes, a JPEG header, and the number of pixels in the
+//! header.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,10 +15,10 @@ use crate::wire::Message;
 pub const MAX_THUMBNAIL_BYTES: usize = 24 * 1024;
 /// Most pixels of its width, and of its height.
 pub const MAX_THUMBNAIL_PX: u16 = 320;
-/// How often an edge makes one of each of its cameras, at most.
+/// Largest rate of thumbnails per camera.
 pub const THUMBNAILS_PER_S: u32 = 1;
 
-/// Edge to fusion: what one camera saw at a tick, small, without the distortion of its lens.
+/// Edge to fusion: the picture of one camera at a tick, reduced, without lens distortion.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Thumbnail {
     /// The session that the edge follows.
@@ -29,7 +29,7 @@ pub struct Thumbnail {
     pub viewpoint: ViewpointIndex,
     /// The camera.
     pub camera: CameraIndex,
-    /// The picture as a JPEG file: the camera's whole undistorted image, shrunk.
+    /// The picture as a JPEG file: the camera's whole undistorted image, reduced.
     pub jpeg: Vec<u8>,
 }
 
@@ -52,20 +52,20 @@ impl Message for Thumbnail {
     }
 }
 
-/// Width and height of a JPEG file, by its frame header (ITU-T T.81, B.2.2); `None` where it is none, or one that is
-/// neither baseline nor progressive. Nothing else of the file is looked at.
+/// Width and height of a JPEG file, from its frame header (ITU-T T.81, B.2.2). `None` if it is not
+/// JPEG, or is neither baseline nor progressive. The rest of the file is not read.
 fn jpeg_size_px(file: &[u8]) -> Option<[u16; 2]> {
     /// Start of image.
     const BEGIN: [u8; 2] = [0xff, 0xd8];
     let mut rest = file.strip_prefix(&BEGIN)?;
-    // Each segment is at least two bytes of length: the loop ends with the file.
+    // Each segment has at least two bytes of length, so the loop ends with the file.
     loop {
         let [0xff, marker, high, low, body @ ..] = rest else {
             return None;
         };
         let length = usize::from(u16::from_be_bytes([*high, *low])).checked_sub(2)?;
         match marker {
-            // Frames of sequential and progressive Huffman coding, which is what browsers show.
+            // Frames of sequential and progressive Huffman coding, as browsers support.
             0xc0..=0xc2 => {
                 let [_precision, h0, h1, w0, w1, ..] = body.get(..length)? else {
                     return None;
@@ -75,7 +75,7 @@ fn jpeg_size_px(file: &[u8]) -> Option<[u16; 2]> {
                     u16::from_be_bytes([*h0, *h1]),
                 ]);
             }
-            // Tables, application data and comments, which may stand before the frame.
+            // Tables, application data and comments may precede the frame.
             0xc4 | 0xdb | 0xdd | 0xe0..=0xef | 0xfe => rest = body.get(length..)?,
             _ => return None,
         }
@@ -87,7 +87,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::wire::{WireError, decode, encode};
 
-    /// The head of a baseline JPEG file of this size; no browser would find a picture in it.
+    /// The header of a baseline JPEG file of this size, without picture data.
     pub(crate) fn jpeg(width: u16, height: u16) -> Vec<u8> {
         let mut file = vec![0xff, 0xd8, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xc0, 0, 11, 8];
         file.extend(height.to_be_bytes());
@@ -114,7 +114,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_thumbnail_comes_back() {
+    fn a_thumbnail_is_read_back() {
         for size in [(1, 1), (320, 180), (240, 320)] {
             let message = thumbnail(jpeg(size.0, size.1));
             assert_eq!(decode(&encode(&message)), Ok(message));
@@ -122,7 +122,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_is_no_jpeg_file_too_long_or_too_large_is_refused() {
+    fn invalid_and_oversized_jpeg_files_are_refused() {
         assert!(refused(Vec::new()).contains("no JPEG"));
         assert!(refused(b"\x89PNG\r\n\x1a\n".to_vec()).contains("no JPEG"));
         assert!(refused(b"<svg onload=alert(1)>".to_vec()).contains("no JPEG"));
@@ -135,12 +135,13 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_file_whose_segments_lead_nowhere_is_refused() {
+    fn a_file_with_invalid_segments_is_refused() {
         let whole = jpeg(320, 180);
         for end in 0..whole.len() - 8 {
             assert!(refused(whole[..end].to_vec()).contains("no JPEG"), "{end}");
         }
-        // A segment that is shorter than its own length, one of a length that is not there, and an end before the frame.
+        // A segment shorter than its own length field, one longer than the file, and an end before
+        // the frame.
         for segment in [
             [0xff, 0xe0, 0, 1],
             [0xff, 0xe0, 0xff, 0xff],

@@ -119,7 +119,7 @@ pub(super) fn sighting_set() -> SightingSet {
     }
 }
 
-/// The same people in whole numbers, as edges send them.
+/// The same people in integers, as edges send them.
 pub(super) fn sighting_set_whole() -> SightingSet {
     let peak = |position_px, score| Some(KeypointPeak { position_px, score });
     let sighting = Sighting {

@@ -1,8 +1,9 @@
-//! Bytes that must never change: what each version of the messages and of the codec is, in `proto/golden/`.
+//! Bytes that must never change: every version of the messages and of the codec, in
+//! `proto/golden/`.
 //!
-//! Each file is read into the message that it was made of, and a version that is still written is written to the byte. A
-//! file that is missing is made where `FARFIELD_GOLDEN=write` is set; none is ever overwritten, and `.ci/run` refuses a
-//! change of one.
+//! Each file is decoded to its message, and a version that is still written is encoded to the same
+//! bytes. With `FARFIELD_GOLDEN=write` missing files are written; none is ever overwritten, and
+//! `.ci/run` refuses a change of one.
 
 use std::fmt::Debug;
 use std::fs;
@@ -41,7 +42,8 @@ fn bytes_of(hex: &str) -> Vec<u8> {
         .collect()
 }
 
-/// What stands in `proto/golden/vVERSION/name`; a file that is missing is made of `today`, where that is asked for.
+/// The content of `proto/golden/vVERSION/name`; a missing file is written from `today` if
+/// requested.
 fn golden(version: u8, name: &str, today: Option<&str>) -> String {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("golden/v{version}"));
     let path = folder.join(name);
@@ -62,7 +64,7 @@ fn check<M: Message + PartialEq + Debug>(name: &str, message: &M) {
     check_by_version(name, message, |_| message);
 }
 
-/// The same for a message that means `older` where a version knows less.
+/// The same for a message that decodes to `older` in versions with fewer fields.
 fn check_by_version<'a, M: Message + PartialEq + Debug + 'a>(
     name: &str,
     message: &M,
@@ -88,7 +90,7 @@ fn check_by_version<'a, M: Message + PartialEq + Debug + 'a>(
 }
 
 #[test]
-fn the_bytes_of_every_message_stay_as_they_are_in_every_version() {
+fn message_bytes_are_fixed_in_every_version() {
     check("patch_set", &patch_set());
     let boxes = box_set();
     let mut without_plan = boxes.clone();
@@ -134,7 +136,7 @@ fn the_bytes_of_every_message_stay_as_they_are_in_every_version() {
 }
 
 #[test]
-fn the_bytes_of_every_question_and_answer_stay_as_they_are_in_every_version() {
+fn request_and_answer_bytes_are_fixed_in_every_version() {
     check(
         "fill_request",
         &FillRequest {
@@ -228,7 +230,7 @@ fn maps() -> Maps {
 }
 
 #[test]
-fn what_the_encoder_makes_and_what_the_decoder_makes_of_it_stays_in_every_version() {
+fn codec_bytes_and_maps_are_fixed_in_every_version() {
     let (mut encoder, mut decoder) = (Encoder::new(), Decoder::new());
     for version in OLDEST_READ..=VERSION {
         for level in CompressionLevel::all() {

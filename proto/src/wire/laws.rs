@@ -1,4 +1,4 @@
-//! Laws of the wire: every message comes back, and no bytes bring the reader down.
+//! Laws of the wire: every message is read back, and no bytes cause a panic.
 
 use proptest::prelude::*;
 
@@ -29,7 +29,7 @@ fn check_round_trip<M: Message + PartialEq + std::fmt::Debug>(message: &M) {
 }
 
 fn decode_all(bytes: &[u8]) {
-    // Only that they return.
+    // They only have to return.
     drop((
         decode::<PatchSet>(bytes),
         decode::<BoxSet>(bytes),
@@ -47,7 +47,7 @@ fn px() -> impl Strategy<Value = [f32; 2]> {
     prop::array::uniform2(-5000.0f32..5000.0)
 }
 
-/// In every other message.
+/// In every second message.
 fn timing(seed: u16) -> Option<PatchTiming> {
     seed.is_multiple_of(2).then(|| PatchTiming {
         sent_after_us: i32::from(seed) - 500,
@@ -59,7 +59,7 @@ fn timing(seed: u16) -> Option<PatchTiming> {
     })
 }
 
-/// In every other message.
+/// In every second message.
 fn live_boxes(seed: i64) -> Option<LiveBoxes> {
     (seed % 2 == 0).then_some(LiveBoxes {
         sequence: seed as u32,
@@ -103,7 +103,7 @@ fn any_patch_set() -> impl Strategy<Value = PatchSet> {
                         width: 72,
                         height: 96,
                     };
-                    // Crops that edges cut, and any others.
+                    // Crops as edges cut them, and arbitrary ones.
                     let crop = if camera % 2 == 0 {
                         crop.snapped()
                     } else {
@@ -258,7 +258,7 @@ fn any_pose_set() -> impl Strategy<Value = PoseSet> {
 }
 
 fn any_status() -> impl Strategy<Value = Status> {
-    // A reader makes text of others plain.
+    // A reader escapes foreign text.
     let texts = prop::array::uniform5("\\PC{0,40}".prop_map(|text| one_line(&text)));
     (
         "[a-z0-9_.-]{1,64}",
@@ -312,32 +312,32 @@ fn any_status() -> impl Strategy<Value = Status> {
 
 proptest! {
     #[test]
-    fn patches_come_back(message in any_patch_set()) {
+    fn patches_are_read_back(message in any_patch_set()) {
         check_round_trip(&message);
     }
 
     #[test]
-    fn boxes_come_back(message in any_box_set()) {
+    fn boxes_are_read_back(message in any_box_set()) {
         check_round_trip(&message);
     }
 
     #[test]
-    fn sightings_come_back(message in any_sighting_set()) {
+    fn sightings_are_read_back(message in any_sighting_set()) {
         check_round_trip(&message);
     }
 
     #[test]
-    fn poses_come_back(message in any_pose_set()) {
+    fn poses_are_read_back(message in any_pose_set()) {
         check_round_trip(&message);
     }
 
     #[test]
-    fn statuses_come_back(message in any_status()) {
+    fn statuses_are_read_back(message in any_status()) {
         check_round_trip(&message);
     }
 
     #[test]
-    fn thumbnails_come_back_whatever_their_pixels_are(
+    fn thumbnails_are_read_back_for_any_pixels(
         head in any::<(u64, i64, u16, u16)>(),
         pixels in prop::collection::vec(any::<u8>(), 0..2000),
     ) {
@@ -353,7 +353,7 @@ proptest! {
     }
 
     #[test]
-    fn a_thumbnail_is_read_exactly_where_it_is_within_its_bounds(
+    fn a_thumbnail_is_read_only_within_its_bounds(
         [width, height] in [0u16..700, 0u16..700],
         length in 13..2 * MAX_THUMBNAIL_BYTES,
     ) {

@@ -1,4 +1,4 @@
-//! Bytes that must not change, and what is refused.
+//! Fixed bytes, and refused messages.
 
 use super::fixture::{box_set, live_status, patch_set, pose_set, sighting_set, stage, status};
 use super::*;
@@ -149,7 +149,7 @@ fn impossible_numbers_are_refused() {
 }
 
 #[test]
-fn what_is_said_of_a_link_is_checked() {
+fn the_fields_of_a_link_are_checked() {
     let live = |m: &mut Status, spoil: fn(&mut LiveStatus)| m.live.iter_mut().for_each(spoil);
     check_refused(
         status(),
@@ -196,7 +196,7 @@ fn what_is_said_of_a_link_is_checked() {
 }
 
 #[test]
-fn a_correction_at_the_bound_and_one_that_is_not_known_are_read() {
+fn clock_corrections_at_the_bound_or_unknown_are_read() {
     for correction in [
         None,
         Some(MAX_CLOCK_CORRECTION_US),
@@ -218,7 +218,7 @@ fn a_correction_at_the_bound_and_one_that_is_not_known_are_read() {
 }
 
 #[test]
-fn a_refusal_of_every_edge_that_a_venue_may_have_is_one_message() {
+fn refusals_of_all_edges_fit_one_message() {
     let refused = EdgeLink {
         refused: Some(cut_refusal("x".repeat(MAX_TEXT_BYTES))),
         ..live_status().edges.swap_remove(0)
@@ -263,8 +263,7 @@ fn a_long_text_is_cut_between_characters_and_the_status_stays_readable() {
 
 #[test]
 fn a_stated_length_beyond_the_bytes_reserves_nothing() {
-    // Symptom to prevent: a list that says it has 2^60 elements. Were room made for it, this test
-    // would end the process.
+    // Regression: a list that claims 2^60 elements. An allocation of them would end the process.
     let empty = PoseSet {
         persons: Vec::new(),
         ..pose_set()

@@ -1,7 +1,8 @@
-//! The short form of boxes on the wire: whole numbers, as fusion makes them.
+//! The short form of boxes on the wire: integers.
 //!
-//! Fusion makes boxes of quarter pixels ([`CameraBox::snapped`]), as crops are; joints are written relative to the centre
-//! of their box. A box that is not of this form is written in full. Nothing is lost either way.
+//! Fusion makes boxes with quarter pixels ([`CameraBox::snapped`]), as for crops. Torso and neck
+//! are relative to the centre of their box. A box that does not fit this form is written in full.
+//! Both forms are lossless.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -17,27 +18,27 @@ const PER_PX_A_TICK: f32 = 16.0;
 const PER_RAD: f32 = 512.0;
 /// Rates of rotation are multiples of 1/4096 radian per tick.
 const PER_RAD_A_TICK: f32 = 4096.0;
-/// Whole numbers up to here are exact in single precision.
+/// Integers up to here are exact in single precision.
 const MOST: f32 = 16_777_216.0;
 
-/// A [`CameraBox`] as it is written.
+/// A [`CameraBox`] on the wire.
 #[derive(Serialize, Deserialize)]
 enum Form {
-    /// In whole numbers: centre, size, torso and neck from the centre, turn, and the rates of centre, size and
-    /// turn.
+    /// As integers: centre, size, torso and neck relative to the centre, rotation, and the rates of
+    /// centre, size and rotation.
     Whole(CameraIndex, [[i32; 2]; 4], i32, [[i32; 2]; 2], i32),
     Other(CameraIndex, BoundingBox, BoxRate, [f32; 2], [f32; 2]),
 }
 
 impl CameraBox {
-    /// The box on the grid on which it takes few bytes: quarter pixels, sixteenths of a pixel per tick, and
-    /// 1/512 rad (0.1 degrees). What is too large for it stays as it is.
+    /// The box on the grid of the short form: quarter pixels, sixteenths of a pixel per tick, and
+    /// 1/512 rad (0.1 degrees). Values too large for the grid are unchanged.
     #[must_use]
     pub fn snapped(&self) -> Self {
         self.whole().map_or(*self, |form| form.read())
     }
 
-    /// The nearest box in whole numbers; `None` where a number is too large, or none.
+    /// The nearest box in integers; `None` if a number is too large or not finite.
     fn whole(&self) -> Option<Form> {
         let BoundingBox {
             center_px,
@@ -74,7 +75,7 @@ impl Form {
                 let px = |[x, y]: [i32; 2]| [x as f32 / PER_PX, y as f32 / PER_PX];
                 let a_tick =
                     |[x, y]: [i32; 2]| [x as f32 / PER_PX_A_TICK, y as f32 / PER_PX_A_TICK];
-                // Received numbers may be of any size.
+                // Received numbers may have any size.
                 let of_center = |[x, y]: [i32; 2]| {
                     px([x.saturating_add(center[0]), y.saturating_add(center[1])])
                 };
@@ -126,7 +127,7 @@ impl Serialize for CameraBox {
             } = *self;
             Form::Other(camera, bounding_box, rate, torso_px, neck_px)
         };
-        // Bits, because -0 is equal to 0.
+        // Compares bits, because -0 is equal to 0.
         let whole = self
             .whole()
             .filter(|form| form.read().bits() == self.bits());
@@ -207,7 +208,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_is_written_is_read_again(one in any_box(), snap in any::<bool>()) {
+        fn every_written_box_is_read_back(one in any_box(), snap in any::<bool>()) {
             let one = if snap { one.snapped() } else { one };
             let bytes = postcard::to_allocvec(&one).unwrap();
             let again: CameraBox = postcard::from_bytes(&bytes).unwrap();
@@ -215,7 +216,7 @@ mod tests {
         }
 
         #[test]
-        fn a_snapped_box_stays_where_it_is(x in -4000.0f32..4000.0) {
+        fn a_snapped_box_moves_at_most_half_a_grid_step(x in -4000.0f32..4000.0) {
             let mut moved = usual();
             moved.bounding_box.center_px[0] = x;
             let snapped = moved.snapped();
@@ -224,7 +225,7 @@ mod tests {
         }
 
         #[test]
-        fn bytes_of_strangers_are_a_box_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..80)) {
+        fn arbitrary_bytes_are_a_box_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..80)) {
             let _read: Result<CameraBox, _> = postcard::from_bytes(&bytes);
         }
     }

@@ -1,4 +1,4 @@
-//! How messages are written where that is not field by field: the short forms of what there is most of.
+//! Short forms of the most frequent messages; all other messages are written field by field.
 
 mod boxes;
 mod patches;

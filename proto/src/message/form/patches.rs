@@ -1,8 +1,8 @@
-//! The short form of patches on the wire: what the persons of a message have in common, and what is usual, is left out.
+//! The short form of patches on the wire; common and usual values are omitted.
 //!
-//! A box is of the patch's own tick or a few before; a crop lies on a grid of quarter pixels
-//! ([`crate::grid::CellGrid::snapped`]); most persons have one crop, some two; maps have one of a few sizes. A patch
-//! that is not of this form is written in full. Nothing is lost either way.
+//! A box belongs to the patch's own tick or to one shortly before. A crop has a grid of quarter
+//! pixels ([`crate::grid::CellGrid::snapped`]). Most people have one crop, some two. Maps have one
+//! of a few sizes. A patch that does not fit this form is written in full. Both forms are lossless.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -13,7 +13,7 @@ use crate::message::{PatchSet, PersonPatch};
 use crate::patch::EncodedMaps;
 use crate::tick::Tick;
 
-/// A [`PatchSet`] as it is written; `P` is its persons, by reference or owned.
+/// A [`PatchSet`] on the wire; `P` is its people, by reference or owned.
 #[derive(Serialize, Deserialize)]
 struct Set<P> {
     session: SessionId,
@@ -26,7 +26,7 @@ struct Set<P> {
     persons: P,
 }
 
-/// A [`PersonPatch`] as it is written.
+/// A [`PersonPatch`] on the wire.
 #[derive(Serialize, Deserialize)]
 struct Patch<B> {
     person: PersonId,
@@ -39,7 +39,7 @@ struct Patch<B> {
     bytes: B,
 }
 
-/// Sizes of maps that have a number of their own: width, height, keypoints.
+/// Common sizes of maps have a number; others are width, height, keypoints.
 #[derive(Serialize, Deserialize)]
 enum Size {
     Coco48x64,
@@ -50,11 +50,11 @@ enum Size {
 
 const USUAL: [(u16, u16, u8); 3] = [(48, 64, 17), (72, 96, 17), (40, 56, 17)];
 
-/// The grids, and which of them each map lies on.
+/// The grids, and the assignment of maps to them.
 #[derive(Serialize, Deserialize)]
 enum Crops {
     One([i32; 4]),
-    /// Bit k: keypoint k lies on the second.
+    /// Bit k: keypoint k uses the second grid.
     Two([i32; 4], [i32; 4], u64),
     Other(Vec<CellGrid>, Vec<u8>),
 }
@@ -122,7 +122,7 @@ fn written(patch: &PersonPatch, tick: Tick) -> Patch<&[u8]> {
     }
 }
 
-/// The crops in few bytes, where that is exact.
+/// The short form of the crops, if it is exact.
 fn short(patch: &PersonPatch) -> Option<Crops> {
     let (maps, of_keypoint) = (&patch.maps, &patch.crop_of_keypoint);
     let fits = |grid: &CellGrid| (grid.width, grid.height) == (maps.width, maps.height);
@@ -148,7 +148,7 @@ fn read(patch: Patch<Vec<u8>>, tick: Tick) -> PersonPatch {
         Size::Coco40x56 => USUAL[2],
         Size::Other(width, height, keypoints) => (width, height, keypoints),
     };
-    // At most as many as a patch may have; a patch with more is refused by its check.
+    // At most as many as a patch may have; the check refuses a patch with more.
     let n = usize::from(keypoints).min(crate::patch::MAX_KEYPOINTS);
     let grid = |short| CellGrid::from_short(short, width, height);
     let (crops, crop_of_keypoint) = match patch.crops {

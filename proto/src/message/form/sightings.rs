@@ -1,8 +1,9 @@
-//! The short form of sightings on the wire: whole numbers, as edges make them.
+//! The short form of sightings on the wire: integers.
 //!
-//! Edges make sightings of sixteenths of a pixel and 255ths ([`Sighting::snapped`]): a detection pass of a crowd is the
-//! largest thing that a thin link carries at once. Keypoints are written relative to the one before. A sighting that is not
-//! of this form is written in full. Nothing is lost either way.
+//! Edges make sightings of sixteenths of a pixel and 255ths ([`Sighting::snapped`]), because a
+//! detection pass of a crowd is the largest burst on a thin link. Keypoints are relative to the
+//! previous one. A sighting that does not fit this form is written in full. Both forms are
+//! lossless.
 
 use std::fmt;
 
@@ -13,14 +14,15 @@ use crate::id::{CameraIndex, SessionId, ViewpointIndex};
 use crate::message::{KeypointPeak, MAX_SIGHTINGS, Sighting, SightingSet};
 use crate::tick::Tick;
 
-/// Positions are multiples of 1/16 pixel: half of one is far below what a detector's peak is good for.
+/// Positions are multiples of 1/16 pixel: half a step is far below the accuracy of a detector's
+/// peak.
 const PER_PX: f32 = 16.0;
-/// Whole numbers up to here are exact in single precision.
+/// Integers up to here are exact in single precision.
 const MOST: f32 = 16_777_216.0;
-/// Scores are multiples of 1/255, as the cells of maps are.
+/// Scores are multiples of 1/255, as the cells of maps.
 const PER_ONE: f32 = 255.0;
 
-/// A [`SightingSet`] as it is written; `S` is its sightings.
+/// A [`SightingSet`] on the wire; `S` is its sightings.
 #[derive(Serialize, Deserialize)]
 struct Set<S> {
     session: SessionId,
@@ -31,23 +33,23 @@ struct Set<S> {
     sightings: S,
 }
 
-/// A [`Sighting`] as it is written; `S` is one in full, by reference or owned.
+/// A [`Sighting`] on the wire; `S` is one in full, by reference or owned.
 #[derive(Serialize, Deserialize)]
 enum Form<S> {
     Whole(Whole),
     Other(S),
 }
 
-/// A sighting in whole numbers.
+/// A sighting in integers.
 #[derive(Serialize, Deserialize)]
 struct Whole {
     camera: CameraIndex,
     score_255ths: u8,
-    /// How many keypoints the network has.
+    /// Number of the network's keypoints.
     count: u8,
-    /// Bit k: keypoint k is there.
+    /// Bit k: keypoint k is present.
     seen: u64,
-    /// Those, each from the one before; the first from the pixel (0, 0).
+    /// The present keypoints, each relative to the previous one; the first to the pixel (0, 0).
     peaks: Vec<WholePeak>,
 }
 
@@ -58,15 +60,15 @@ struct WholePeak {
 }
 
 impl Sighting {
-    /// The sighting on the grid on which it takes few bytes: sixteenths of a pixel and 255ths. What is too large for it, or
-    /// no number, stays as it is.
+    /// The sighting on the grid of the short form: sixteenths of a pixel and 255ths. Values too
+    /// large for the grid, or not finite, are unchanged.
     #[must_use]
     pub fn snapped(self) -> Self {
         let snapped = self.whole().and_then(|whole| whole.read());
         snapped.unwrap_or(self)
     }
 
-    /// The nearest sighting in whole numbers; `None` where a number is too large, or none.
+    /// The nearest sighting in integers; `None` if a number is too large or not finite.
     fn whole(&self) -> Option<Whole> {
         if self.keypoints.len() > crate::patch::MAX_KEYPOINTS {
             return None;
@@ -99,7 +101,7 @@ impl Sighting {
             let [x, y] = peak.position_px;
             Some([x, y, peak.score].map(f32::to_bits))
         };
-        // Bits, because -0 is equal to 0.
+        // Compares bits, because -0 is equal to 0.
         self.camera == other.camera
             && self.score.to_bits() == other.score.to_bits()
             && self.keypoints.len() == other.keypoints.len()
@@ -112,8 +114,8 @@ impl Sighting {
 }
 
 impl Whole {
-    /// The sighting; `None` where the keypoints that are there are not as many as it says, or where one is farther away
-    /// than any that is written.
+    /// The sighting; `None` if the number of present keypoints does not match, or if one is farther
+    /// away than any writer puts it.
     fn read(&self) -> Option<Sighting> {
         let all = usize::from(self.count);
         let fits = all <= crate::patch::MAX_KEYPOINTS
@@ -130,7 +132,7 @@ impl Whole {
             .filter(|(k, _)| self.seen >> k & 1 == 1);
         for ((_, keypoint), peak) in there.zip(&self.peaks) {
             for (at, step) in at.iter_mut().zip(peak.position_16ths) {
-                // Received numbers may be of any size.
+                // Received numbers may have any size.
                 *at = at
                     .checked_add(step)
                     .filter(|at| at.unsigned_abs() <= MOST as u32)?;
@@ -159,7 +161,7 @@ fn share(score: f32) -> Option<u8> {
         .then(|| (score * PER_ONE).round() as u8)
 }
 
-/// A sighting in the fewest bytes that lose nothing.
+/// A sighting in its shortest lossless form.
 struct Shortest<'a>(&'a Sighting);
 
 impl Serialize for Shortest<'_> {
@@ -190,7 +192,8 @@ impl<'de> Deserialize<'de> for Read {
     }
 }
 
-/// Sightings that were read, no more than a message may have: absent keypoints take no bytes, but memory.
+/// Sightings limited to the number that a message may have: absent keypoints take no bytes, but
+/// memory.
 struct Sightings(Vec<Sighting>);
 
 impl<'de> Deserialize<'de> for Sightings {
@@ -222,7 +225,7 @@ impl<'de> Visitor<'de> for SightingsVisitor {
     }
 }
 
-/// Appends the set, its sightings in their short form.
+/// Appends the set with its sightings in short form.
 pub(in crate::message) fn write(set: &SightingSet, bytes: Vec<u8>) -> postcard::Result<Vec<u8>> {
     let sightings: Vec<Shortest<'_>> = set.sightings.iter().map(Shortest).collect();
     let set = Set {
@@ -236,7 +239,7 @@ pub(in crate::message) fn write(set: &SightingSet, bytes: Vec<u8>) -> postcard::
     postcard::to_extend(&set, bytes)
 }
 
-/// The set that [`write`] wrote, and what follows.
+/// The set that [`write`] wrote, and the rest.
 pub(in crate::message) fn read(bytes: &[u8]) -> postcard::Result<(SightingSet, &[u8])> {
     let (set, rest) = postcard::take_from_bytes::<Set<Sightings>>(bytes)?;
     let set = SightingSet {
@@ -267,7 +270,7 @@ mod tests {
         }
     }
 
-    /// Somebody 180 px tall.
+    /// A person 180 px tall.
     fn usual() -> Sighting {
         let peak = |k: usize| KeypointPeak {
             position_px: [1_203.31 + 9.0 * (k % 2) as f32, 500.2 + 11.3 * k as f32],
@@ -288,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_usual_sighting_takes_less_than_half_of_its_numbers_in_full() {
+    fn the_short_form_takes_less_than_half_the_bytes() {
         let bytes = |set: &SightingSet| write(set, Vec::new()).unwrap().len();
         let empty = bytes(&set(Vec::new()));
         let short = bytes(&set(vec![usual().snapped()])) - empty;
@@ -297,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn keypoints_that_do_not_fit_their_number_or_any_picture_are_refused() {
+    fn keypoints_with_wrong_counts_or_positions_are_refused() {
         let whole = |count, seen, peaks: usize| Whole {
             camera: CameraIndex(0),
             score_255ths: 9,
@@ -326,15 +329,15 @@ mod tests {
     }
 
     #[test]
-    fn no_more_sightings_are_read_than_a_message_may_have() {
-        let nobody = |camera| Sighting {
+    fn the_number_of_read_sightings_is_limited() {
+        let empty = |camera| Sighting {
             camera: CameraIndex(camera),
             score: 1.0,
             keypoints: vec![None; 64],
         };
-        let full = set((0..MAX_SIGHTINGS as u16).map(nobody).collect());
+        let full = set((0..MAX_SIGHTINGS as u16).map(empty).collect());
         assert_eq!(again(&full), full);
-        let more = set((0..=MAX_SIGHTINGS as u16).map(nobody).collect());
+        let more = set((0..=MAX_SIGHTINGS as u16).map(empty).collect());
         let bytes = write(&more, Vec::new()).unwrap();
         assert!(read(&bytes).is_err());
     }
@@ -357,14 +360,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_is_written_is_read_again(one in any_sighting(), snap in any::<bool>()) {
+        fn every_written_set_is_read_back(one in any_sighting(), snap in any::<bool>()) {
             let one = if snap { one.snapped() } else { one };
             let read = again(&set(vec![one.clone()]));
             prop_assert!(read.sightings[0].is_same_bits(&one), "{:?} of {:?}", read, one);
         }
 
         #[test]
-        fn a_snapped_sighting_stays_where_it_is(x in -4000.0f32..4000.0, score in 0.0f32..=1.0) {
+        fn a_snapped_sighting_moves_at_most_half_a_grid_step(x in -4000.0f32..4000.0, score in 0.0f32..=1.0) {
             let mut moved = usual();
             moved.keypoints[2] = Some(KeypointPeak { position_px: [x, 0.0], score });
             let snapped = moved.snapped();
@@ -376,12 +379,12 @@ mod tests {
         }
 
         #[test]
-        fn bytes_of_strangers_are_a_set_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
+        fn arbitrary_bytes_are_a_set_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
             drop(read(&bytes));
         }
 
         #[test]
-        fn a_sighting_of_strangers_is_one_that_can_be_written_or_an_error(
+        fn every_read_sighting_can_be_written_again(
             count in 0u8..70, seen in prop_oneof![0u64..0x2_0000, any::<u64>()], rest in prop::collection::vec(any::<u8>(), 0..120),
         ) {
             let mut bytes = postcard::to_allocvec(&(9u64, 64i64, 2u16, 0u16, 1u16, 1u8, 0u8, 3u16, 8u8, count, seen)).unwrap();
