@@ -6,25 +6,26 @@ use std::str::FromStr;
 use serde::de::{Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Cells below this value, of 255, are sent at no compression level: 0.06 of the highest.
+/// Cells below this value, of 255, are never sent: 0.06 of the highest.
 pub const FLOOR: u8 = 15;
 
-/// How far maps are compressed: 0 is without loss above [`FLOOR`], every higher level takes fewer bytes, up to
-/// [`CompressionLevel::SMALLEST`]. (Unlike the quality of a JPEG: a higher level is coarser.)
+/// The compression level of maps. 0 is lossless above [`FLOOR`]; every higher level takes fewer
+/// bytes, up to [`CompressionLevel::SMALLEST`]. (Unlike the quality of a JPEG: a higher level is
+/// coarser.)
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CompressionLevel(u8);
 
 impl CompressionLevel {
     /// 8 bit cells above [`FLOOR`], exactly.
     pub const LOSSLESS: Self = Self(0);
-    /// What a live link starts with.
+    /// The start level of a live link.
     pub const DEFAULT: Self = Self(2);
     /// For thin links.
     pub const SMALL: Self = Self(4);
-    /// The highest level: the fewest bytes.
+    /// The highest level, with the fewest bytes.
     pub const SMALLEST: Self = Self(6);
 
-    /// The compression level of this number; numbers past the smallest are the smallest.
+    /// The compression level `level`; larger numbers give the smallest.
     pub const fn new(level: u8) -> Self {
         if level > Self::SMALLEST.0 {
             Self::SMALLEST
@@ -38,17 +39,17 @@ impl CompressionLevel {
         self.0
     }
 
-    /// The next level with fewer bytes; the smallest has none.
+    /// The next level with fewer bytes; `None` for the smallest.
     pub fn coarser(self) -> Option<Self> {
         (self < Self::SMALLEST).then_some(Self(self.0 + 1))
     }
 
-    /// The next level with more bytes; without loss there is none.
+    /// The next level with more bytes; `None` for lossless.
     pub fn finer(self) -> Option<Self> {
         self.0.checked_sub(1).map(Self)
     }
 
-    /// All levels, the best first.
+    /// All levels, the best quality first.
     pub fn all() -> impl Iterator<Item = Self> {
         (0..=Self::SMALLEST.0).map(Self)
     }
@@ -60,7 +61,7 @@ impl Default for CompressionLevel {
     }
 }
 
-/// Levels that have a name.
+/// Levels with a name.
 const NAMES: [(&str, CompressionLevel); 4] = [
     ("lossless", CompressionLevel::LOSSLESS),
     ("default", CompressionLevel::DEFAULT),
@@ -77,7 +78,7 @@ impl fmt::Display for CompressionLevel {
     }
 }
 
-/// A text that is no compression level.
+/// A text that is not a compression level.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "found `{0}`, expected \"lossless\", \"default\", \"small\", \"smallest\" or a level from 0 to {max}",
@@ -109,7 +110,7 @@ impl Serialize for CompressionLevel {
 }
 
 impl<'de> Deserialize<'de> for CompressionLevel {
-    /// From a file: a name or a level.
+    /// From a file: a name or a number.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_any(Written)
     }
@@ -151,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_level_is_read_as_it_is_written() {
+    fn every_written_level_is_read_back() {
         for level in CompressionLevel::all() {
             assert_eq!(level.to_string().parse(), Ok(level));
             let value = toml::Value::try_from(level).unwrap();
@@ -171,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_quality_is_refused_by_name() {
+    fn an_invalid_quality_is_refused_with_the_valid_ones() {
         let refused = "fine".parse::<CompressionLevel>().unwrap_err();
         assert!(refused.to_string().contains("`fine`"), "{refused}");
         assert!(

@@ -11,7 +11,7 @@ use super::gaussian::recipe::{Recipe, STEPS_DOWN};
 use super::lossless::{self, Shape};
 use super::maps::{EncodedMaps, Maps, PatchError};
 
-/// Turns bytes back into maps; keeps its memory from patch to patch.
+/// Decodes bytes to maps; reuses its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub struct Decoder {
     exact: lossless::LosslessCoder,
@@ -31,12 +31,12 @@ impl Decoder {
         }
     }
 
-    /// Decodes `encoded` into `into`, whose memory is used again. Allocates at most
-    /// [`super::MAX_CELLS`] bytes and two for each cell of one map, whatever the bytes say.
+    /// Decodes `encoded` into `into`, whose memory is reused. For any bytes it allocates at most
+    /// [`super::MAX_CELLS`] bytes, and two for each cell of one map.
     ///
     /// # Errors
-    /// [`PatchError`] when the size is impossible or the bytes do not fit it; `into` then holds
-    /// nothing of use.
+    /// [`PatchError`] when the size is impossible or the bytes do not match it; `into` then has
+    /// undefined content.
     pub fn decode(&mut self, encoded: &EncodedMaps, into: &mut Maps) -> Result<(), PatchError> {
         encoded.check_size()?;
         into.resize(
@@ -103,7 +103,7 @@ impl Decoder {
     }
 }
 
-/// Refuses to go on past the end of the bytes.
+/// Refuses to read past the end of the bytes.
 fn within(reader: &BitReader<'_>, keypoint: usize) -> Result<(), PatchError> {
     if reader.is_past_end() {
         Err(PatchError::TooShort { keypoint })

@@ -11,26 +11,27 @@ use super::gaussian::recipe::{NO_CORRECTION, Recipe, Rest, STEPS_DOWN};
 use super::lossless::{self, Shape};
 use super::maps::{EncodedMaps, Maps};
 
-/// Bits of the compression level at the head of a patch, and of the floor after that of lossless ones.
+/// Bits of the compression level at the start of a patch, and of the floor after it in lossless
+/// ones.
 pub(super) const LEVEL_BITS: u32 = 4;
 pub(super) const FLOOR_BITS: u32 = 8;
-/// Bits of the step down of patches of modes.
+/// Bits of the index of [`super::gaussian::recipe::STEPS_DOWN`] in patches of modes.
 pub(super) const STEP_BITS: u32 = 4;
 
-/// Turns maps into bytes; keeps its memory from patch to patch.
+/// Encodes maps to bytes; reuses its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub struct Encoder {
     exact: lossless::LosslessCoder,
-    /// One map, cells below the floor cleared.
-    kept: Vec<u8>,
+    /// One map, with cells below the floor cleared.
+    cleared: Vec<u8>,
     model: mode_coder::ModeCoder,
     explainer: Explainer,
     /// The modes of each map of the patch.
     explained: Vec<Explained>,
     grid: CorrectionGrid,
     modes: Vec<Mode>,
-    /// Whether every patch begins with the priors.
-    forgets: bool,
+    /// Whether every patch starts with the priors.
+    resets: bool,
 }
 
 impl Encoder {
@@ -38,17 +39,17 @@ impl Encoder {
     pub fn new() -> Self {
         Self {
             exact: lossless::LosslessCoder::new(),
-            kept: Vec::new(),
+            cleared: Vec::new(),
             model: mode_coder::ModeCoder::new(),
             explainer: Explainer::new(),
             explained: Vec::new(),
             grid: CorrectionGrid::default(),
             modes: Vec::new(),
-            forgets: true,
+            resets: true,
         }
     }
 
-    /// Encodes `maps` as closely as `level` says.
+    /// Encodes `maps` at `level`.
     ///
     /// Equal maps give equal bytes, whatever was encoded before.
     pub fn encode(&mut self, maps: &Maps, level: CompressionLevel) -> EncodedMaps {
@@ -57,8 +58,8 @@ impl Encoder {
         encoded(maps, bytes)
     }
 
-    /// As [`Self::encode`]: the bytes of the maps alone, in the place of what is in `bytes`. Allocates
-    /// nothing once everything has its size.
+    /// As [`Self::encode`]: writes the bytes of the maps alone and replaces the content of `bytes`.
+    /// Allocates nothing once all buffers have their size.
     pub fn encode_into(&mut self, maps: &Maps, level: CompressionLevel, bytes: &mut Vec<u8>) {
         bytes.clear();
         match Recipe::of(level) {
@@ -67,18 +68,18 @@ impl Encoder {
         }
     }
 
-    /// Encodes `maps`; cells below `floor` become 0, all others are kept exactly.
+    /// Encodes `maps` losslessly above `floor`; cells below become 0.
     ///
-    /// Equal maps give equal bytes, whatever was encoded before. Cost: about 40 ns per cell that is
-    /// not zero, the rest is hardly seen.
+    /// Equal maps give equal bytes, whatever was encoded before. Cost: about 40 ns per nonzero
+    /// cell; the rest is negligible.
     pub fn encode_above(&mut self, maps: &Maps, floor: u8) -> EncodedMaps {
         let mut bytes = Vec::new();
         self.exact(maps, floor, &mut bytes);
         encoded(maps, bytes)
     }
 
-    /// Encodes at most `most` Gaussians of each map as finely as `level` (not without loss) writes them, and nothing
-    /// else: for comparison with systems that send Gaussians.
+    /// Encodes at most `most` Gaussians of each map with the precision of `level` (not lossless),
+    /// and nothing else, for comparison with systems that send Gaussians.
     pub fn encode_gaussians(
         &mut self,
         maps: &Maps,
@@ -111,11 +112,11 @@ impl Encoder {
         plain(&mut writer, FLOOR_BITS, floor.into());
         self.exact.reset(shape.width, shape.height);
         for k in 0..maps.keypoints() {
-            let kept = maps.cells(k).iter();
-            let kept = kept.map(|&cell| if cell < floor { 0 } else { cell });
-            self.kept.clear();
-            self.kept.extend(kept);
-            self.exact.map(&mut writer, shape, &mut self.kept);
+            let cleared = maps.cells(k).iter();
+            let cleared = cleared.map(|&cell| if cell < floor { 0 } else { cell });
+            self.cleared.clear();
+            self.cleared.extend(cleared);
+            self.exact.map(&mut writer, shape, &mut self.cleared);
         }
         *bytes = writer.finish();
     }
@@ -144,7 +145,7 @@ impl Encoder {
             if bytes.len() <= recipe.most_bytes || down == last {
                 return;
             }
-            // Each step halves them or does less.
+            // Each step roughly halves the bytes, or less.
             down += (bytes.len() / recipe.most_bytes).clamp(1, last - down);
         }
     }
@@ -162,7 +163,7 @@ impl Encoder {
 
     fn write(&mut self, writer: &mut BitWriter, maps: &Maps, recipe: &Recipe, rest: Rest) {
         let scale = MapScale::of(maps);
-        if self.forgets {
+        if self.resets {
             self.model.contexts.reset();
         }
         self.model.begin(maps.keypoints(), &scale);
@@ -174,7 +175,7 @@ impl Encoder {
             if rest.step == 0 {
                 continue;
             }
-            let seen = explained.beside(maps.cells(k), recipe.floor);
+            let seen = explained.residual(maps.cells(k), recipe.floor);
             let corrected = seen.off.iter().any(|&off| off > rest.tolerance)
                 && self.grid.measure(&seen, rest.step, &scale);
             let contexts = &mut self.model.contexts;
@@ -184,8 +185,9 @@ impl Encoder {
         }
     }
 
-    /// The highest peak of each map, fitted: column and row, cells, and height, of 255; `None` where no cell is above the
-    /// floor. For whoever needs keypoints only: an edge that follows people itself, and comparisons.
+    /// The highest peak of each map, fitted: column and row, cells, and height, of 255. `None` if
+    /// no cell is above the floor. For callers that need keypoints only: an edge that follows
+    /// people itself, and comparisons.
     pub fn peaks(&mut self, maps: &Maps) -> Vec<Option<([f32; 2], f32)>> {
         let scale = MapScale::of(maps);
         let Some(mut recipe) = Recipe::of(CompressionLevel::new(1)) else {
@@ -202,15 +204,17 @@ impl Encoder {
         (0..maps.keypoints()).map(peak).collect()
     }
 
-    /// As [`Self::encode`], keeping the probabilities learnt from the maps before: for measuring the priors.
+    /// As [`Self::encode`], but keeps the probabilities learnt from earlier maps, to measure the
+    /// priors.
     pub fn encode_on(&mut self, maps: &Maps, level: CompressionLevel) -> EncodedMaps {
-        self.forgets = false;
+        self.resets = false;
         let encoded = self.encode(maps, level);
-        self.forgets = true;
+        self.resets = true;
         encoded
     }
 
-    /// The probabilities (of 65,536) after the last patch that was not without loss, from which the priors are measured.
+    /// The probabilities (of 65,536) after the last lossy patch, from which the priors are
+    /// measured.
     pub fn learnt(&self) -> Vec<u16> {
         self.model.contexts.learnt().collect()
     }

@@ -1,4 +1,4 @@
-//! Part confidence maps, as cells and as they travel, and how large they may be.
+//! Part confidence maps, their encoded form, and their largest size.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ pub const MAX_KEYPOINTS: usize = 64;
 /// Most cells of a patch; the decoder allocates one byte for each.
 pub const MAX_CELLS: usize = MAX_SIDE * MAX_SIDE * MAX_KEYPOINTS;
 
-/// The maps of one person in one camera as they travel.
+/// The encoded maps of one person in one camera.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EncodedMaps {
     /// Cells in a row.
@@ -20,12 +20,12 @@ pub struct EncodedMaps {
     pub height: u16,
     /// Maps.
     pub keypoints: u8,
-    /// The cells as [`super::Encoder`] has written them.
+    /// The cells, encoded by [`super::Encoder`].
     pub bytes: Vec<u8>,
 }
 
 impl EncodedMaps {
-    /// Checks the size, before anything is allocated for it.
+    /// Checks the size, before any allocation.
     ///
     /// # Errors
     /// [`PatchError::Size`] when a side is zero or above [`MAX_SIDE`], or there are no or more than
@@ -72,7 +72,7 @@ pub enum PatchError {
     /// The maps end before the bytes do.
     #[error("{left} bytes are left over after the maps")]
     TooLong {
-        /// How many.
+        /// Number of bytes left.
         left: usize,
     },
 }
@@ -110,7 +110,8 @@ pub struct Maps {
     pub(super) height: usize,
     keypoints: usize,
     pub(super) cells: Vec<u8>,
-    /// Per map: the maps of a crowd are larger than a processor's caches, and most of their cells are zero.
+    /// Per map. Maps of a crowd are larger than a processor's caches, and most of their cells are
+    /// zero.
     written: Vec<Written>,
 }
 
@@ -124,16 +125,16 @@ impl PartialEq for Maps {
 impl Eq for Maps {}
 
 impl Maps {
-    /// Empty maps (all cells 0). Sides above [`MAX_SIDE`] and more keypoints than [`MAX_KEYPOINTS`]
-    /// are cut to these.
+    /// Empty maps (all cells 0). Larger values than [`MAX_SIDE`] and [`MAX_KEYPOINTS`] are reduced
+    /// to these.
     pub fn new(width: usize, height: usize, keypoints: usize) -> Self {
         let mut maps = Self::default();
         maps.resize(width, height, keypoints);
         maps
     }
 
-    /// Makes these maps of the given size, all cells 0, without giving memory back. Sides above
-    /// [`MAX_SIDE`] and more keypoints than [`MAX_KEYPOINTS`] are cut to these.
+    /// Changes the size and sets all cells to 0, without freeing memory. Larger values than
+    /// [`MAX_SIDE`] and [`MAX_KEYPOINTS`] are reduced to these.
     pub fn resize(&mut self, width: usize, height: usize, keypoints: usize) {
         let [width, height] = [width, height].map(|side| side.min(MAX_SIDE));
         let keypoints = keypoints.min(MAX_KEYPOINTS);
@@ -176,7 +177,7 @@ impl Maps {
         &self.cells[k * area..(k + 1) * area]
     }
 
-    /// The map of keypoint `k` (below [`Self::keypoints`]), row by row, to be written.
+    /// The mutable map of keypoint `k` (below [`Self::keypoints`]), row by row.
     ///
     /// # Panics
     /// When there is no such keypoint.
@@ -187,7 +188,7 @@ impl Maps {
         cells
     }
 
-    /// Where the cells of the map of keypoint `k` may be other than zero.
+    /// The region of keypoint `k`'s map that may have nonzero cells.
     ///
     /// # Panics
     /// When there is no such keypoint.
@@ -195,7 +196,8 @@ impl Maps {
         &self.written[k]
     }
 
-    /// The map of keypoint `k`, and what of it is written: for whoever writes only some and adds it.
+    /// The map of keypoint `k` and its written region, for callers that write a part and extend the
+    /// region.
     pub(super) fn cells_and_written(&mut self, k: usize) -> (&mut [u8], &mut Written) {
         let area = self.width * self.height;
         (
@@ -207,6 +209,6 @@ impl Maps {
 
 /// A probability as a cell: clamped to 0..1, rounded to the nearest 255th; NaN is 0.
 pub fn quantize(value: f32) -> u8 {
-    // `as` saturates and takes NaN to 0.
+    // `as` saturates and converts NaN to 0.
     (value * 255.0).round() as u8
 }

@@ -1,10 +1,10 @@
-//! What must hold of the codec as a whole: both directions, at every compression level.
+//! Requirements on the codec as a whole: both directions, at every compression level.
 
 use proptest::prelude::*;
 
 use super::*;
 
-/// A Gaussian of `height` around (x, y), sigma in cells, laid over what is there.
+/// Draws a Gaussian of `height` around (x, y), sigma in cells; each cell keeps its maximum.
 fn draw(cells: &mut [u8], width: usize, peak: [f32; 2], sigma: f32, height: f32) {
     for (i, cell) in cells.iter_mut().enumerate() {
         let (dx, dy) = ((i % width) as f32 - peak[0], (i / width) as f32 - peak[1]);
@@ -13,7 +13,7 @@ fn draw(cells: &mut [u8], width: usize, peak: [f32; 2], sigma: f32, height: f32)
     }
 }
 
-/// Where 17 keypoints of an upright person lie on a map of 48 x 64 cells.
+/// Positions of 17 keypoints of an upright person on a map of 48 x 64 cells.
 const BODY: [[f32; 2]; 17] = [
     [24.2, 9.1],
     [25.4, 8.0],
@@ -102,7 +102,7 @@ fn decoded(maps: &Maps, level: CompressionLevel) -> (Maps, usize) {
     (decoded, encoded.bytes.len())
 }
 
-/// The farthest that any cell is off.
+/// The largest error of a cell.
 fn off(a: &Maps, b: &Maps) -> u8 {
     let cells = a.cells.iter().zip(&b.cells);
     cells.map(|(a, b)| a.abs_diff(*b)).max().unwrap()
@@ -132,11 +132,11 @@ fn two_peaks_stay_two_at_every_level() {
 }
 
 #[test]
-fn the_default_is_off_by_no_more_than_it_says() {
+fn the_default_level_stays_within_its_tolerance() {
     for (sigma, second) in [(1.7, 0.0), (2.0, 0.5), (2.6, 0.9), (3.5, 0.3)] {
         let maps = body(sigma, second);
         let (decoded, bytes) = decoded(&maps, CompressionLevel::DEFAULT);
-        // The tolerance of its first step, and the floor under which nothing is seen.
+        // The tolerance of its first step, and the floor below which nothing is visible.
         assert!(off(&maps, &decoded) <= 18, "{sigma} {second}");
         assert!(bytes <= 290);
     }
@@ -168,7 +168,7 @@ fn finer_maps_of_the_same_people_take_the_same_bytes() {
 }
 
 #[test]
-fn an_encoder_forgets_the_patch_before() {
+fn an_encoder_keeps_no_state_between_patches() {
     let mut encoder = Encoder::new();
     let first = encoder.encode(&body(2.0, 0.3), CompressionLevel::LOSSLESS);
     encoder.encode(&body(3.0, 0.0), CompressionLevel::SMALL);
@@ -241,7 +241,7 @@ fn any_maps() -> impl Strategy<Value = Maps> {
     )
 }
 
-/// All cells of a map outside what is said to be written are zero.
+/// Checks that all cells outside the written region are zero.
 fn check_written(maps: &Maps) {
     for k in 0..maps.keypoints() {
         let Written { rows, columns } = maps.written(k);
@@ -252,7 +252,7 @@ fn check_written(maps: &Maps) {
     }
 }
 
-/// Decodes what may be anything: it must end, and hold no more than was stated.
+/// Decodes arbitrary bytes: it must end, within the stated memory.
 fn check_hostile(encoded: &EncodedMaps) {
     let mut maps = Maps::default();
     let result = Decoder::new().decode(encoded, &mut maps);
@@ -269,7 +269,7 @@ fn check_hostile(encoded: &EncodedMaps) {
 
 proptest! {
     #[test]
-    fn cells_above_the_floor_come_back(maps in any_maps(), floor in any::<u8>()) {
+    fn cells_above_the_floor_are_read_back(maps in any_maps(), floor in any::<u8>()) {
         check(&maps, floor);
     }
 
@@ -279,12 +279,12 @@ proptest! {
         let (decoded, bytes) = decoded(&maps, level);
         assert_eq!((decoded.width, decoded.height), (maps.width, maps.height));
         check_written(&decoded);
-        // Whatever it is: what is left of it in the end is bounded.
+        // The last level bounds the size for any content.
         assert!(level < CompressionLevel::SMALLEST || bytes <= 95);
     }
 
     #[test]
-    fn nothing_of_a_patch_is_left_in_the_maps_for_the_next(
+    fn decoded_maps_contain_nothing_of_earlier_patches(
         sigmas in (1.0f32..5.0, 1.0f32..5.0), second_peaks in (0.0f32..0.9, 0.0f32..0.9), levels in (0u8..8, 0u8..8),
         damage in (any::<prop::sample::Index>(), any::<u8>()),
     ) {

@@ -1,4 +1,4 @@
-//! Numbers to bytes at nearly their information: the range coder, and how whole numbers are split into bits.
+//! Entropy coding: the range coder, and the binary form of integers.
 
 pub(in crate::patch) mod range_coder;
 pub(in crate::patch) mod symbol;

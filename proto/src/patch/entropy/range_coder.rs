@@ -1,12 +1,12 @@
-//! An adaptive binary range coder: bits to bytes at nearly their information.
+//! An adaptive binary range coder, close to the entropy of the bits.
 //!
-//! Range coding after Martin 1979, with the carry handling of LZMA. Both directions implement [`BitCoder`], so that one
-//! walk over the maps serves both and they cannot fall out of step.
+//! Range coding after Martin 1979, with the carry handling of LZMA. Both directions implement
+//! [`BitCoder`], so one traversal of the maps serves both, and they cannot diverge.
 
 use std::hint::select_unpredictable;
 
-/// The least probability of either bit, of 65,536: an unexpected bit costs at most 10 bits, an expected one at least
-/// 0.0014 bits.
+/// The smallest probability of either bit, of 65,536: an unexpected bit costs at most 10 bits, an
+/// expected one at least 0.0014 bits.
 const LEAST: u32 = 64;
 /// Below this range a byte is shifted out.
 const BYTE_DUE: u32 = 1 << 24;
@@ -14,19 +14,19 @@ const BYTE_DUE: u32 = 1 << 24;
 /// ends with one.
 const READ_AHEAD: usize = 3;
 
-/// Fraction bits of [`Rate::share`]: with these, products with 16 bits are the quotients, exactly.
+/// Fraction bits of [`Rate::share`]: with these, products with 16 bits equal the exact quotients.
 const SHARE_BITS: u32 = 23;
 
-/// How fast is learnt after some bits.
+/// The learning rate after some bits.
 #[derive(Debug, Clone, Copy)]
 struct Rate {
     /// 1/(n + 2), rounded up, for n bits seen.
     share: u32,
-    /// How many are then seen.
+    /// The number of bits seen next.
     next: u8,
 }
 
-/// By how many bits were seen; for every `u8`, so that no index needs a check.
+/// By the number of bits seen; for every `u8`, so that no index needs a check.
 const RATES: [Rate; 256] = {
     let mut rates = [Rate { share: 0, next: 0 }; 256];
     let mut n = 0;
@@ -41,7 +41,7 @@ const RATES: [Rate; 256] = {
     rates
 };
 
-/// How probable a `false` is, learnt from the bits so far: fast at first, then slower.
+/// The adaptive probability of `false`: it changes fast at first, then slower.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::patch) struct Probability {
     /// Probability of `false`, of 65,536.
@@ -51,12 +51,12 @@ pub(in crate::patch) struct Probability {
 }
 
 impl Probability {
-    /// Over how many bits is averaged in the end.
+    /// Length of the final average, bits.
     const MEMORY: u8 = 60;
-    /// As how many seen bits a prior counts.
+    /// Number of bits that a prior counts as.
     const BEFOREHAND: u8 = 10;
 
-    /// Nothing known.
+    /// Without knowledge.
     pub(in crate::patch) const fn even() -> Self {
         Self {
             of_false: 1 << 15,
@@ -69,7 +69,7 @@ impl Probability {
         self.of_false
     }
 
-    /// Known beforehand as if from some bits already.
+    /// With a prior that counts as some bits.
     pub(in crate::patch) const fn known(of_false: u16) -> Self {
         Self {
             of_false,
@@ -77,10 +77,11 @@ impl Probability {
         }
     }
 
-    /// Moves towards what was seen by 1/2, 1/3, 1/4 and so on of the way there; `of_false` is 0 after a `true`, and has
-    /// all bits after a `false`.
+    /// Moves towards the seen bit by 1/2, 1/3, 1/4 and so on of the difference; `of_false` is 0
+    /// after a `true`, and has all bits set after a `false`.
     ///
-    /// No branch depends on the bit: of a `false`, the way is the complement of the negative one less one.
+    /// There is no branch on the bit: for a `false`, the difference is the complement of the
+    /// negative one minus one.
     #[inline]
     fn learn(&mut self, of_false: u32) {
         let Rate { share, next } = RATES[usize::from(self.seen)];
@@ -88,12 +89,12 @@ impl Probability {
         let end = LEAST + (of_false & (u32::from(u16::MAX) + 2 - 2 * LEAST));
         let way = own.wrapping_sub(end) ^ of_false;
         let part = ((u64::from(way) * u64::from(share)) >> SHARE_BITS) as u32;
-        // Between its two ends at all times, so nothing here leaves 16 bits.
+        // Always between its two ends, so nothing here exceeds 16 bits.
         let learnt = own.wrapping_add(of_false).wrapping_sub(part ^ of_false);
         (self.of_false, self.seen) = (learnt as u16, next);
     }
 
-    /// The part of `range` that stands for `false`: above 0 and below `range`.
+    /// The part of `range` for `false`: above 0 and below `range`.
     fn share_of(self, range: u32) -> u32 {
         (range >> 16) * u32::from(self.of_false)
     }
@@ -101,13 +102,13 @@ impl Probability {
 
 /// One direction of the coder.
 pub(in crate::patch) trait BitCoder {
-    /// Whether the bits are known and written; else they are read.
+    /// Whether the bits are known and written; otherwise they are read.
     const WRITES: bool;
 
     /// Writes `bit` and returns it, or reads a bit and returns that.
     fn code(&mut self, bit: bool, probability: &mut Probability) -> bool;
 
-    /// As [`Self::code`] of a bit that is as good as random.
+    /// As [`Self::code`] for a bit that is practically random.
     #[inline]
     fn even(&mut self, bit: bool) -> bool {
         self.code(bit, &mut Probability::even())
@@ -120,15 +121,15 @@ pub(in crate::patch) struct BitWriter {
     /// Start of the current range; bit 32 is a carry.
     low: u64,
     range: u32,
-    /// The last byte that a carry can still change, once there is one.
+    /// The last byte that a carry can still change, if any.
     held: Option<u8>,
-    /// Bytes of 255 after it, through which a carry would run.
+    /// Number of 255 bytes after it, through which a carry would propagate.
     pending: usize,
     bytes: Vec<u8>,
 }
 
 impl BitWriter {
-    /// Writes to the end of `bytes`.
+    /// Appends to `bytes`.
     pub(in crate::patch) fn new(bytes: Vec<u8>) -> Self {
         Self {
             low: 0,
@@ -156,7 +157,7 @@ impl BitWriter {
         self.low = (self.low & 0x00ff_ffff) << 8;
     }
 
-    /// The bytes, complete: the shortest number inside the last range ends them.
+    /// The complete bytes; the shortest number inside the last range ends them.
     pub(in crate::patch) fn finish(mut self) -> Vec<u8> {
         let step = u64::from(BYTE_DUE);
         self.low = self.low.div_ceil(step) * step;
@@ -186,7 +187,7 @@ impl BitCoder for BitWriter {
     }
 }
 
-/// Bytes to bits; past their end it reads zeros, and says so afterwards.
+/// Reads bits from bytes; past the end it reads zeros and remembers it.
 #[derive(Debug, Clone)]
 pub(in crate::patch) struct BitReader<'a> {
     bytes: &'a [u8],
@@ -218,7 +219,7 @@ impl<'a> BitReader<'a> {
         self.read > self.bytes.len() + READ_AHEAD
     }
 
-    /// Bytes that no bit needed.
+    /// Number of unread bytes.
     pub(in crate::patch) fn left(&self) -> usize {
         (self.bytes.len() + READ_AHEAD).saturating_sub(self.read)
     }
@@ -231,7 +232,7 @@ impl BitCoder for BitReader<'_> {
     fn code(&mut self, _bit: bool, probability: &mut Probability) -> bool {
         let share = probability.share_of(self.range);
         let (above, is_below) = self.code.overflowing_sub(share);
-        // Chosen, not branched to: the bits are what cannot be foreseen.
+        // A select instead of a branch, because the bits are unpredictable.
         self.code = select_unpredictable(is_below, self.code, above);
         self.range = select_unpredictable(is_below, share, self.range - share);
         probability.learn(select_unpredictable(is_below, u32::MAX, 0));
@@ -275,12 +276,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn bits_come_back(bits in prop::collection::vec(any::<bool>(), 0..2000), contexts in 1usize..9) {
+        fn written_bits_are_read_back(bits in prop::collection::vec(any::<bool>(), 0..2000), contexts in 1usize..9) {
             check(&bits, contexts);
         }
 
         #[test]
-        fn rare_bits_come_back(ones in prop::collection::vec(0usize..60_000, 0..12)) {
+        fn rare_bits_are_read_back(ones in prop::collection::vec(0usize..60_000, 0..12)) {
             let mut bits = vec![false; 60_000];
             for i in ones {
                 bits[i] = true;

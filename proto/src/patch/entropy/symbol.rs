@@ -1,13 +1,14 @@
-//! Whole numbers as bits with contexts (Exp-Golomb form, bit by bit), in which modes and corrections are written.
+//! Integers as bits with contexts (Exp-Golomb form, bit by bit), for modes and corrections.
 
 use super::range_coder::{BitCoder, Probability};
 
-/// Contexts that one [`number`] needs: whether it is 0, its sign, its length, its second bit.
+/// Contexts of one [`number`]: zero, sign, length, second bit.
 pub(in crate::patch) const NUMBER: usize = 2 + 2 * MOST_BITS;
-/// Magnitudes have at most so many bits after the first.
+/// Largest number of bits of a magnitude after the first.
 const MOST_BITS: usize = 9;
 
-/// Codes a whole number that is mostly near 0, at most 1,023 either way; what is read is within that.
+/// Codes an integer that is usually near 0, at most 1,023 either way; a read value is within that
+/// range.
 pub(in crate::patch) fn number<C: BitCoder>(
     coder: &mut C,
     contexts: &mut [Probability],
@@ -28,7 +29,7 @@ pub(in crate::patch) fn number<C: BitCoder>(
     let mut coded = 1;
     for i in (0..n).rev() {
         let bit = whole >> i & 1 == 1;
-        // Bits below the second are as good as random.
+        // Bits below the second are practically random.
         let bit = if i + 1 == n {
             coder.code(bit, &mut second[i])
         } else {
@@ -39,15 +40,15 @@ pub(in crate::patch) fn number<C: BitCoder>(
     if negative { -coded } else { coded }
 }
 
-/// Codes the lowest `bits` of a number, all as good as random.
+/// Codes the lowest `bits` of a number, all practically random.
 pub(in crate::patch) fn plain<C: BitCoder>(coder: &mut C, bits: u32, value: u32) -> u32 {
     (0..bits).rev().fold(0, |coded, i| {
         coded << 1 | u32::from(coder.even(value >> i & 1 == 1))
     })
 }
 
-/// Codes a number below `contexts.len() + 1`, a power of two, bit by bit from the highest, each in the
-/// context of those above it.
+/// Codes a number below `contexts.len() + 1`, a power of two, bit by bit from the highest, each in
+/// the context of the bits above it.
 pub(in crate::patch) fn tree<C: BitCoder>(
     coder: &mut C,
     contexts: &mut [Probability],
@@ -56,14 +57,14 @@ pub(in crate::patch) fn tree<C: BitCoder>(
     let leaves = contexts.len() + 1;
     let mut node = 1;
     while node < leaves {
-        // The value's own path: its leading bits, as many as were coded.
+        // The path of the value: its leading bits, as many as were coded.
         let next = (leaves | value) >> (leaves.ilog2() - node.ilog2() - 1);
         node = node << 1 | usize::from(coder.code(next & 1 == 1, &mut contexts[node - 1]));
     }
     node - leaves
 }
 
-/// Codes how many of something there are, at most as many as there are contexts.
+/// Codes a count, at most the number of contexts.
 pub(in crate::patch) fn count<C: BitCoder>(
     coder: &mut C,
     contexts: &mut [Probability],
@@ -85,7 +86,8 @@ mod tests {
     use super::super::range_coder::{BitReader, BitWriter};
     use super::*;
 
-    /// Everything that `code` codes comes back, and the contexts of both sides stay the same.
+    /// Checks that everything `code` codes is read back, and that the contexts of both sides stay
+    /// equal.
     fn check<T: Copy + PartialEq + std::fmt::Debug + Default>(
         values: &[T],
         n_contexts: usize,
@@ -125,17 +127,17 @@ mod tests {
 
     proptest! {
         #[test]
-        fn numbers_come_back(values in prop::collection::vec(-1023i32..=1023, 0..60)) {
+        fn numbers_are_read_back(values in prop::collection::vec(-1023i32..=1023, 0..60)) {
             check(&values, NUMBER, |coder, contexts, value| coder.any_number(contexts, value));
         }
 
         #[test]
-        fn leaves_come_back(values in prop::collection::vec(0usize..16, 0..60)) {
+        fn leaves_are_read_back(values in prop::collection::vec(0usize..16, 0..60)) {
             check(&values, 15, |coder, contexts, value| coder.any_tree(contexts, value));
         }
 
         #[test]
-        fn counts_come_back(values in prop::collection::vec(0usize..=4, 0..60)) {
+        fn counts_are_read_back(values in prop::collection::vec(0usize..=4, 0..60)) {
             check(&values, 4, |coder, contexts, value| coder.any_count(contexts, value));
         }
     }

@@ -1,11 +1,12 @@
-//! The contexts of the range coder: probabilities that adapt within a patch, and begin with the priors.
+//! The contexts of the range coder: probabilities that adapt within a patch and start with the
+//! priors.
 
 use super::peak_predictor::CLASSES;
 use super::priors::PRIORS;
 use crate::patch::entropy::range_coder::Probability;
 use crate::patch::entropy::symbol::NUMBER;
 
-/// How many contexts of each kind, in the order in which they lie.
+/// Number of contexts of each kind, in storage order.
 const POSITIONS: usize = 2 * CLASSES * NUMBER;
 const HEIGHTS: usize = HEIGHT_CLASSES * HEIGHT_NODES;
 const WIDTHS: usize = 3 * WIDTH_CLASSES * 3 * NUMBER;
@@ -19,15 +20,15 @@ const TOTAL: usize =
     POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED + WINDOWS + ZEROS + SIGNS + SIZES;
 const _: () = assert!(TOTAL == PRIORS.len(), "one prior for each context");
 
-/// Classes of a height: no mode before, a low, a middle, a high one, a further peak.
+/// Classes of a height: no previous mode, a low, a middle, a high one, a further peak.
 const HEIGHT_CLASSES: usize = 5;
 const HEIGHT_NODES: usize = 15;
 /// Classes of a width: steps of 1, of 2, and coarser ones.
 const WIDTH_CLASSES: usize = 3;
 const COUNT_NODES: usize = super::recipe::MAX_MODES;
-/// Classes of a correction that may be zero: four of its neighbours', four of what is drawn there.
+/// Classes of a correction that may be zero: four of its neighbours, four of the drawn value.
 pub(in crate::patch) const ZERO_CLASSES: usize = 20;
-/// Classes of a correction's size, by its neighbours'.
+/// Classes of a correction's size, by its neighbours.
 pub(in crate::patch) const SIZE_CLASSES: usize = 3;
 /// Sizes after the first; beyond, the rest is a number without contexts.
 pub(in crate::patch) const SIZE_NODES: usize = 12;
@@ -39,7 +40,7 @@ pub(in crate::patch) struct Contexts {
 }
 
 impl Contexts {
-    /// Contexts in which both bits are equally probable.
+    /// Contexts with equal probabilities.
     pub(in crate::patch) const fn new() -> Self {
         Self {
             all: [Probability::even(); TOTAL],
@@ -55,18 +56,18 @@ impl Contexts {
         &mut self.all[first..first + length]
     }
 
-    /// Those of a position along an axis, in a class of [`super::peak_predictor`].
+    /// Contexts of a position along an axis, in a class of [`super::peak_predictor`].
     pub(in crate::patch) fn position(&mut self, class: usize, axis: usize) -> &mut [Probability] {
         self.part((2 * class + axis) * NUMBER, NUMBER)
     }
 
-    /// Those of the upper four bits of a height.
+    /// Contexts of the upper four bits of a height.
     pub(in crate::patch) fn height(&mut self, class: usize) -> &mut [Probability] {
         self.part(POSITIONS + class * HEIGHT_NODES, HEIGHT_NODES)
     }
 
-    /// Those of a width along an axis, or (axis 2) of the correlation; by the step and by how unusual
-    /// the last one was.
+    /// Contexts of a width along an axis, or (axis 2) of the correlation, by the step and by how
+    /// unusual the last one was.
     pub(in crate::patch) fn width(
         &mut self,
         step: i32,
@@ -79,24 +80,24 @@ impl Contexts {
         self.part(POSITIONS + HEIGHTS + index * NUMBER, NUMBER)
     }
 
-    /// Those of how many modes a map has, by how many the last one had.
+    /// Contexts of the number of modes of a map, by that of the last map.
     pub(in crate::patch) fn count(&mut self, last: usize) -> &mut [Probability] {
         let first = POSITIONS + HEIGHTS + WIDTHS;
         self.part(first + last.min(2) * COUNT_NODES, COUNT_NODES)
     }
 
-    /// That of whether a map is corrected, by how many modes it has.
+    /// Context of whether a map is corrected, by its number of modes.
     pub(in crate::patch) fn corrected(&mut self, modes: usize) -> &mut Probability {
         &mut self.all[POSITIONS + HEIGHTS + WIDTHS + COUNTS + modes.min(2)]
     }
 
-    /// Those of a side of the window of corrections.
+    /// Contexts of a side of the window of corrections.
     pub(in crate::patch) fn window(&mut self, side: usize) -> &mut [Probability] {
         let first = POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED;
         self.part(first + side * NUMBER, NUMBER)
     }
 
-    /// Those of one correction.
+    /// Contexts of one correction.
     pub(in crate::patch) fn corrections(&mut self) -> Corrections<'_> {
         let first = POSITIONS + HEIGHTS + WIDTHS + COUNTS + CORRECTED + WINDOWS;
         let (zero, rest) = self.all[first..].split_at_mut(ZEROS);
@@ -104,7 +105,7 @@ impl Contexts {
         Corrections { zero, sign, size }
     }
 
-    /// What was learnt, as [`KNOWN`] is written.
+    /// The learnt probabilities, in the order of [`KNOWN`].
     pub(in crate::patch) fn learnt(&self) -> impl Iterator<Item = u16> {
         self.all.iter().map(|context| context.of_false())
     }

@@ -1,5 +1,5 @@
-//! Corrections: the difference between a map and its modes, on a grid of its own, as whole numbers near zero with
-//! bilinear interpolation between.
+//! Corrections: the difference between a map and its modes, on a coarser grid, as integers near
+//! zero with bilinear interpolation.
 
 use std::ops::Range;
 
@@ -8,31 +8,32 @@ use super::mode::MapScale;
 use crate::patch::entropy::range_coder::{BitCoder, Probability};
 use crate::patch::entropy::symbol::number;
 
-/// Sides of the window are mostly near this.
+/// Typical size of a side of the window.
 const USUAL: i32 = 8;
-/// The largest size that contexts say.
+/// The largest size with contexts.
 const MOST_SIZE: i32 = 12;
 const _: () = assert!(ZERO_CLASSES == 20 && SIZE_NODES == MOST_SIZE as usize);
 
 /// The corrections of one map.
 #[derive(Debug, Clone, Default)]
 pub(in crate::patch) struct CorrectionGrid {
-    /// The sides of the maps that the places are for.
+    /// The sides of the maps for which `places` was computed.
     sides: [usize; 2],
-    /// Cells from one to the next, at least 1.
+    /// Cells between grid places, at least 1.
     pitch: f32,
-    /// The cells, along columns and rows, next to the places of the grid.
+    /// The cells nearest to the grid places, along columns and rows.
     places: [Vec<u16>; 2],
-    /// Where corrections are, columns and rows.
+    /// Columns and rows with corrections.
     window: [Range<usize>; 2],
-    /// Those of the window, row by row.
+    /// The corrections of the window, row by row.
     values: Vec<i16>,
-    /// Per column of the map within the window: the place to its left and how far it is from there.
+    /// Per column of the map within the window: the grid place to its left, and the distance from
+    /// it.
     left: Vec<(usize, f32)>,
 }
 
 impl CorrectionGrid {
-    /// Makes room for maps of `scale`.
+    /// Prepares for maps of `scale`.
     pub(in crate::patch) fn reset(&mut self, scale: &MapScale) {
         self.window = [0..0, 0..0];
         let sides = [scale.width, scale.height];
@@ -49,7 +50,7 @@ impl CorrectionGrid {
         }
     }
 
-    /// Takes what is between a map and what its modes show, in steps; whether any is left.
+    /// Measures the difference between a map and its modes, in steps; returns whether any remains.
     pub(in crate::patch) fn measure(
         &mut self,
         seen: &MapResidual<'_>,
@@ -101,7 +102,7 @@ impl CorrectionGrid {
         true
     }
 
-    /// Codes the corrections; `show` is what the modes show.
+    /// Codes the corrections; `show` is the drawing of the modes.
     pub(in crate::patch) fn code<C: BitCoder>(
         &mut self,
         coder: &mut C,
@@ -142,7 +143,8 @@ impl CorrectionGrid {
         }
     }
 
-    /// Adds the corrections to the map; returns the columns and rows outside which no cell has changed.
+    /// Adds the corrections to the map; returns the columns and rows outside which no cell has
+    /// changed.
     pub(in crate::patch) fn apply(
         &mut self,
         cells: &mut [u8],
@@ -169,7 +171,7 @@ impl CorrectionGrid {
         let reach = |places: &Range<usize>, size: usize| {
             let first = (places.start as f32 - 1.0) * pitch;
             let end = places.end as f32 * pitch;
-            // Plain casts take what is negative for 0.
+            // Casts saturate negative values to 0.
             (first as usize).min(size)..(end as usize + 1).min(size)
         };
         let (across, down) = (reach(&columns, scale.width), reach(&rows, scale.height));
@@ -191,7 +193,7 @@ impl CorrectionGrid {
             for (cell, &(i, fx)) in row.iter_mut().zip(&self.left) {
                 let upper = at(i, j) + fx * (at(i + 1, j) - at(i, j));
                 let lower = at(i, j + 1) + fx * (at(i + 1, j + 1) - at(i, j + 1));
-                // Casts saturate: what is below zero is zero.
+                // Casts saturate: values below zero become zero.
                 *cell = (f32::from(*cell) + step * (upper + fy * (lower - upper)) + 0.5) as u8;
             }
         }
@@ -199,18 +201,18 @@ impl CorrectionGrid {
     }
 }
 
-/// A map and what its modes draw, to be compared.
+/// A map and the drawing of its modes, for comparison.
 pub(in crate::patch) struct MapResidual<'a> {
     pub(in crate::patch) cells: &'a [u8],
     pub(in crate::patch) shown: &'a [u8],
-    /// Per row of the map, by how much any cell is off.
+    /// Per row of the map, the largest error of a cell.
     pub(in crate::patch) off: &'a [u8],
-    /// Cells below are as good as zero, where nothing is shown either.
+    /// Cells below count as zero where the drawing is also zero.
     pub(in crate::patch) floor: u8,
 }
 
 impl MapResidual<'_> {
-    /// By how much the map is above what is shown.
+    /// By how much the map exceeds the drawing.
     fn off(&self, at: usize) -> i16 {
         let (cell, shown) = (self.cells[at], self.shown[at]);
         if cell.max(shown) < self.floor {
@@ -220,12 +222,12 @@ impl MapResidual<'_> {
     }
 }
 
-/// A number of places, which are few.
+/// Converts a small number of places.
 fn whole(places: usize) -> i32 {
     i32::try_from(places).unwrap_or(i32::MAX)
 }
 
-/// Codes one value, next to those `around` it and on what is `shown` there.
+/// Codes one value, given its neighbours `around` and the drawn value `shown`.
 fn value<C: BitCoder>(
     coder: &mut C,
     contexts: &mut Corrections<'_>,
@@ -235,7 +237,7 @@ fn value<C: BitCoder>(
 ) -> i16 {
     let [left, up, above_left, above_right] = around.map(|v| u32::from(v.unsigned_abs().min(64)));
     let near = 2 * (left + up) + above_left + above_right;
-    // Counted, not branched to: what is around cannot be foreseen.
+    // Counted without branches, because the neighbours are unpredictable.
     let busy = [0, 1, 3, 6].map(|most| usize::from(near > most));
     let height = [0, 39, 119].map(|most| usize::from(shown > most));
     let class = busy.iter().sum::<usize>() * 4 + height.iter().sum::<usize>();
@@ -255,11 +257,12 @@ fn value<C: BitCoder>(
         coded += 1;
     }
     if coded > MOST_SIZE {
-        // So rare that contexts of its own would not pay.
+        // Too rare for contexts of its own.
         let mut even = [Probability::even(); crate::patch::entropy::symbol::NUMBER];
         coded += number(coder, &mut even, size - coded).abs();
     }
-    // No cell is off by more; larger values, from invalid bytes, would overflow when multiplied.
+    // No cell has a larger error; larger values, from invalid bytes, would overflow in the
+    // multiplication.
     let coded = coded.min(255) as i16;
     if negative { -coded } else { coded }
 }
@@ -270,7 +273,7 @@ mod tests {
     use crate::patch::entropy::range_coder::{BitReader, BitWriter};
 
     #[test]
-    fn no_bytes_correct_a_cell_by_more_than_a_cell_can_be_off() {
+    fn invalid_bytes_correct_a_cell_by_at_most_255() {
         let mut contexts = Contexts::new();
         contexts.reset();
         let mut writer = BitWriter::new(Vec::new());

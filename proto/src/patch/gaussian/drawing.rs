@@ -1,19 +1,20 @@
-//! Draws modes: what both sides show of one, cell by cell.
+//! Draws modes cell by cell, the same in encoder and decoder.
 //!
-//! Along a row each cell is made from the one before, so a row alone takes as long as its products one after the other.
-//! Four rows are therefore drawn in step: what is written as arrays of their numbers is vectors on every machine. Each
-//! cell is made by the same operations in the same order as if its row were drawn alone.
+//! Along a row each cell is computed from the previous one, so a single row is limited by the
+//! latency of its products. Therefore four rows are drawn in step; arrays of their numbers become
+//! vectors on every machine. Each cell results from the same operations in the same order as if its
+//! row were drawn alone.
 
 use super::mode::{CORRELATION, MapScale, Mode, REACH2, sigma, span_end, span_start};
 use super::rounding::{at_most, exp, floor, not_below_zero, whole, whole_below};
 
-/// Rows that are drawn in step.
+/// Rows drawn in step.
 const ROWS: usize = 4;
-/// So many times such rows are begun before any is drawn: none of them waits for another.
+/// Groups of rows that are started before any is drawn, so that none waits for another.
 const GROUPS: usize = 4;
-/// Cells of each row that are laid into the map at once.
+/// Cells of each row that are merged into the map at once.
 const CELLS: usize = 8;
-/// What keeps the first n of so many cells, for every n; the first is the lowest byte.
+/// Masks that keep the first n of that many cells, for every n; the first cell is the lowest byte.
 static KEEP: [u64; CELLS + 1] = {
     let mut keep = [u64::MAX; CELLS + 1];
     let mut n = 0;
@@ -24,7 +25,7 @@ static KEEP: [u64; CELLS + 1] = {
     keep
 };
 
-/// Something of each of the rows.
+/// One value per row.
 type Rows<T> = [T; ROWS];
 
 #[inline]
@@ -33,7 +34,7 @@ fn each<T>(of_row: impl FnMut(usize) -> T) -> Rows<T> {
 }
 
 impl Mode {
-    /// Draws the mode into one map wherever it is higher than what is there.
+    /// Draws the mode into one map; each cell keeps its maximum.
     pub(in crate::patch) fn draw(&self, scale: &MapScale, cells: &mut [u8]) {
         let outline = Outline::of(self, scale);
         let rows = self.rows(scale);
@@ -54,7 +55,7 @@ impl Mode {
     }
 }
 
-/// A mode as its rows are made from it: its exponent is -(a dx^2 + 2 b dx dy + c dy^2) / 2.
+/// A mode in the form for drawing rows: its exponent is -(a dx^2 + 2 b dx dy + c dy^2) / 2.
 struct Outline {
     center: [f32; 2],
     height: f32,
@@ -64,7 +65,7 @@ struct Outline {
     sy2: f32,
     /// Sigma within one row.
     across: f32,
-    /// What each ratio of a cell to the one before is multiplied with for the next.
+    /// Factor from each ratio of neighbouring cells to the next ratio.
     fall: f32,
     /// Columns of the map.
     width: usize,
@@ -80,7 +81,7 @@ impl Outline {
         let a = 1.0 / (sx * sx * rest);
         let b = -correlation / (sx * sy * rest);
         let (across, width) = (sx * rest.sqrt(), scale.width);
-        // A little more, for what is rounded where the ends of rows are computed.
+        // Slightly more, because the ends of rows are rounded.
         let longest = floor(2.0 * across * REACH2.sqrt() + 0.01) + 1.0;
         Self {
             center: mode.center(scale),
@@ -95,15 +96,15 @@ impl Outline {
         }
     }
 
-    /// Where the rows from `first` on are; those from `end` on are empty.
-    // This and what follows in its own function, so that no use row by row keeps numbers from being vectors.
+    /// The positions of the rows from `first` on; rows from `end` on are empty.
+    // In a function of its own, so that uses row by row do not prevent vectorisation.
     #[inline(never)]
     fn place(&self, first: usize, end: usize, rows: &mut RowsInStep) {
         let [x, y] = self.center;
         let (width, after) = (self.width as f32, end as f32);
         let row = each(|i| first as f32 + i as f32);
         let dy = row.map(|row| row - y);
-        // Along a row the Gaussian is one about `middle`, and lower by what is between the two.
+        // Along a row the mode is a Gaussian around `middle`, lower by the factor between the two.
         let middle = dy.map(|dy| x - self.b_of_a * dy);
         let down = dy.map(|dy| dy * dy / self.sy2);
         let reach = down.map(|down| self.across * not_below_zero(REACH2 - down).sqrt());
@@ -116,7 +117,7 @@ impl Outline {
         rows.down = down;
     }
 
-    /// The first values and ratios of rows that are placed.
+    /// The first values and ratios of placed rows.
     #[inline(never)]
     fn begin(&self, rows: &mut RowsInStep) {
         let RowsInStep { dx, down, .. } = *rows;
@@ -124,7 +125,7 @@ impl Outline {
         rows.ratio = dx.map(|dx| exp(-self.a * (dx + 0.5)));
     }
 
-    /// Draws the rows from `first` on, which are begun.
+    /// Draws the rows from `first` on, which have been started.
     #[inline]
     fn draw(&self, first: usize, rows: &mut RowsInStep, cells: &mut [u8]) {
         for drawn in (0..self.longest).step_by(CELLS) {
@@ -144,16 +145,16 @@ impl Outline {
     }
 }
 
-/// Rows of a mode, one below the other, while they are drawn.
+/// Consecutive rows of a mode while they are drawn.
 #[derive(Debug, Clone, Copy, Default)]
 struct RowsInStep {
     /// The first column of each.
     start: Rows<u32>,
-    /// How many cells they have.
+    /// Their numbers of cells.
     length: Rows<u32>,
-    /// From the middle of each to its first column.
+    /// Distance from the middle of each to its first column.
     dx: Rows<f32>,
-    /// By what the exponent is lower in the middle, doubled.
+    /// Reduction of the exponent in the middle, doubled.
     down: Rows<f32>,
     /// The next value: the last one times a ratio.
     value: Rows<f32>,
@@ -180,15 +181,15 @@ impl RowsInStep {
 /// The cell of a value that is not negative.
 #[inline]
 fn cell(value: f32) -> u32 {
-    // Up to 255 but for rounding; beyond the end of a row they may be anything.
+    // Up to 255, except for rounding; beyond the end of a row the values are arbitrary.
     whole_below(at_most(255.0, value + 0.5))
 }
 
-/// Lays [`CELLS`] cells over those from `start` on, the first in the lowest byte.
-// In its own function, so that the cells stay one number until they are a vector.
+/// Merges [`CELLS`] cells into those from `start` on, the first in the lowest byte.
+// In a function of its own, so that the cells stay one number until they become a vector.
 #[inline(never)]
 fn lay(cells: &mut [u8], start: usize, drawn: u64) {
-    // Always all of them: where a row ends cannot be foreseen, and zeros leave the cells after it what they are.
+    // Always all cells: the end of a row is unpredictable, and zeros leave later cells unchanged.
     let cells = cells.get_mut(start..).unwrap_or_default();
     match cells.first_chunk_mut::<CELLS>() {
         Some(cells) => lay_all(cells, drawn),
@@ -203,7 +204,7 @@ fn lay_all(cells: &mut [u8], drawn: u64) {
     }
 }
 
-/// [`lay_all`] where the map ends before.
+/// As [`lay_all`], if the map ends before.
 #[cold]
 fn lay_last(cells: &mut [u8], drawn: u64) {
     lay_all(cells, drawn);

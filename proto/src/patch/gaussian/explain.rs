@@ -1,24 +1,25 @@
-//! Greedy decomposition of a map into modes: the highest peak, then the highest of the residual, and so on.
+//! Greedy decomposition of a map into modes: the highest peak, then the highest of the residual,
+//! and so on.
 
 use super::correction::MapResidual;
 use super::fit::Fitter;
 use super::mode::{MapScale, Mode};
 use super::recipe::{MAX_MODES, Recipe};
 
-/// Finds the modes of maps.
+/// Decomposes maps into modes.
 #[derive(Debug, Clone)]
 pub(in crate::patch) struct Explainer {
     fitter: Fitter,
 }
 
-/// What was found in one map; used again from map to map.
+/// The decomposition of one map; reused from map to map.
 #[derive(Debug, Clone, Default)]
 pub(in crate::patch) struct Explained {
-    /// The modes, as they were found.
+    /// The modes, in the order of detection.
     pub(in crate::patch) modes: Vec<Mode>,
-    /// What they show, as the decoder draws them.
+    /// Their drawing, as in the decoder.
     shown: Vec<u8>,
-    /// Per row: by how much any cell is off.
+    /// Per row: the largest error of a cell.
     off: Vec<u8>,
 }
 
@@ -29,8 +30,8 @@ impl Explainer {
         }
     }
 
-    /// Explains a map of `scale` as finely as `recipe` says; its modes after the first are at least
-    /// `further` high.
+    /// Decomposes a map of `scale` with the precision of `recipe`; modes after the first are at
+    /// least `further` high.
     pub(in crate::patch) fn explain(
         &self,
         cells: &[u8],
@@ -51,7 +52,7 @@ impl Explainer {
     }
 }
 
-/// A map that is being explained.
+/// A map under decomposition.
 struct Map<'a> {
     fitter: &'a Fitter,
     cells: &'a [u8],
@@ -61,8 +62,8 @@ struct Map<'a> {
 }
 
 impl Map<'_> {
-    /// Finds modes until no cell is above what they show by the least height of one, or there are
-    /// enough of them.
+    /// Adds modes until no cell exceeds the drawing by the minimum height of a mode, or the limit
+    /// is reached.
     fn explain(&self, into: &mut Explained) {
         let Self {
             cells,
@@ -125,7 +126,7 @@ impl Map<'_> {
         }
     }
 
-    /// Fits every mode again, without the cells that are the others', where that is better.
+    /// Refits every mode without the cells of the other modes, if that improves the result.
     fn refine(&self, into: &mut Explained) {
         let scale = self.scale;
         let before = square_error(self.cells, &into.shown);
@@ -149,7 +150,7 @@ impl Map<'_> {
 }
 
 impl Explained {
-    /// Draws all modes but one anew.
+    /// Redraws all modes but one.
     fn draw_all(&mut self, but: Option<usize>, scale: &MapScale) {
         self.shown.fill(0);
         for (i, mode) in self.modes.iter().enumerate() {
@@ -168,8 +169,8 @@ impl Explained {
             .extend(rows.map(|(cells, shown)| most_off(cells, shown, floor)));
     }
 
-    /// The map beside what the modes show.
-    pub(in crate::patch) fn beside<'a>(&'a self, cells: &'a [u8], floor: u8) -> MapResidual<'a> {
+    /// The map relative to the drawing of its modes.
+    pub(in crate::patch) fn residual<'a>(&'a self, cells: &'a [u8], floor: u8) -> MapResidual<'a> {
         MapResidual {
             cells,
             shown: &self.shown,
@@ -179,10 +180,10 @@ impl Explained {
     }
 }
 
-/// By how much any of `cells` is off what is shown, where either is above the floor.
+/// The largest error of `cells` relative to the drawing, where either is above the floor.
 fn most_off(cells: &[u8], shown: &[u8], floor: u8) -> u8 {
     let mut most = 0;
-    // Plain, so that it is done for sixteen cells at a time.
+    // Simple, so that sixteen cells are processed at a time.
     for (&cell, &shown) in cells.iter().zip(shown) {
         let (high, low) = (cell.max(shown), cell.min(shown));
         let off = if high >= floor { high - low } else { 0 };
@@ -191,7 +192,7 @@ fn most_off(cells: &[u8], shown: &[u8], floor: u8) -> u8 {
     most
 }
 
-/// The summed squares of what cells are off by.
+/// The sum of squared errors.
 fn square_error(cells: &[u8], shown: &[u8]) -> u32 {
     // At most 65,536 cells of 65,025.
     let square = |(&cell, &shown): (&u8, &u8)| u32::from(cell.abs_diff(shown)).pow(2);

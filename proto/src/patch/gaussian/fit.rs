@@ -1,26 +1,26 @@
-//! A peak's place, height and widths from its cells.
+//! Fits a peak's position, height and widths to its cells.
 
 use super::mode::{FittedPeak, MapScale};
 
-/// How far from the highest cell a peak is looked at, units: a little over two of its usual sigmas.
+/// Distance from the highest cell within which a peak is fitted, units: a little over two typical
+/// sigmas.
 const REACH: f32 = 4.5;
 /// Cells below this share of the highest one do not count.
 const LEAST_SHARE: f32 = 0.12;
-/// Cells below do not count, of 255.
+/// Cells below this value, of 255, do not count.
 const LEAST: f32 = 8.0;
 
-/// Most columns that a peak is looked at in: the stride is such that there are at most twice the reach
-/// in units, and one.
+/// Most columns used for a peak: the stride limits them to twice the reach in units, plus one.
 const MOST_COLUMNS: usize = 20;
 
-/// Fits Gaussians; holds a table of logarithms.
+/// Fits Gaussians; contains a table of logarithms.
 #[derive(Debug, Clone)]
 pub(in crate::patch) struct Fitter {
     /// Natural logarithm of every cell's value; that of 0 is 0.
     logarithms: [f32; 256],
 }
 
-/// Sums of weights times powers of the place (columns, then rows), and the same with logarithms.
+/// Sums of weights times powers of the position (columns, then rows), and the same with logarithms.
 #[derive(Default)]
 struct Moments {
     weight: [[f64; 5]; 5],
@@ -36,11 +36,11 @@ impl Fitter {
         Self { logarithms }
     }
 
-    /// The peak about the cell `at`, of which other modes already `explain` a part; cells of which
-    /// they explain half are theirs. It is never wider or narrower than a mode can be.
+    /// The peak around the cell `at`. Other modes already `explain` a part; cells of which they
+    /// explain half belong to them. The width is limited to that of a mode.
     ///
-    /// Least squares of the logarithm, which is a parabola, weighted by the squared cells: near the
-    /// top those are the least squares of the cells.
+    /// Least squares of the logarithm, which is a parabola, weighted by the squared cells; near the
+    /// top these are the least squares of the cells.
     pub(in crate::patch) fn peak(
         &self,
         cells: &[u8],
@@ -106,7 +106,7 @@ impl Fitter {
         }
     }
 
-    /// Places are from `at`, in `reach`.
+    /// Positions are relative to `at`, in `reach`.
     fn moments(
         &self,
         cells: &[u8],
@@ -124,7 +124,7 @@ impl Fitter {
         let rows = at[1] - at[1].min(most * stride) / stride * stride;
         let end = |at: usize, size: usize| (at + most * stride + 1).min(size);
         let columns = columns..end(at[0], scale.width);
-        // Per column: the powers that weights are multiplied by, then those for logarithms.
+        // Per column: the factors of weights, then those of logarithms.
         let mut powers = [[0.0f32; 8]; MOST_COLUMNS];
         for (powers, x) in powers.iter_mut().zip(columns.clone().step_by(stride)) {
             let dx = (x as f32 - at[0] as f32) / reach;
@@ -184,7 +184,7 @@ impl Moments {
         }
     }
 
-    /// Coefficients of 1, x, y, x^2, y^2 and x y; `None` when the cells do not fix them.
+    /// Coefficients of 1, x, y, x^2, y^2 and x y; `None` when the cells do not determine them.
     fn parabola(&self) -> Option<[f64; 6]> {
         const POWERS: [[usize; 2]; 6] = [[0, 0], [1, 0], [0, 1], [2, 0], [0, 2], [1, 1]];
         let mut lower = [[0.0; 6]; 6];
@@ -199,7 +199,7 @@ impl Moments {
     }
 }
 
-/// Solves a symmetric positive definite system of which the lower triangle is given, by Cholesky's
+/// Solves a symmetric positive definite system, given by its lower triangle, by Cholesky
 /// decomposition; `None` when it is not definite.
 fn solve(mut a: [[f64; 6]; 6], mut b: [f64; 6]) -> Option<[f64; 6]> {
     let scale = a[0][0];
@@ -234,7 +234,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_drawn_mode_is_found_again(
+        fn a_drawn_mode_is_recovered_by_the_fit(
             at in (8.0f32..40.0, 8.0f32..56.0), height in 60.0f32..250.0,
             sigma in (1.6f32..3.0, 1.6f32..3.0), correlation in -0.4f32..0.4,
         ) {

@@ -1,27 +1,28 @@
-//! A mode: one peak of a map as a Gaussian, in the few whole numbers that travel.
+//! A mode: one peak of a map as a Gaussian, in a few integers.
 //!
-//! Lengths are in units that do not depend on the map's resolution: 64 of them are its height, or 48
-//! its width, whichever makes them longer. Both sides compute every cell with additions, products and
-//! roots of single precision alone, so that all machines draw the same maps.
+//! Lengths have units that do not depend on the map's resolution: 64 are its height, or 48 its
+//! width, whichever makes them longer. Both sides compute every cell only with additions, products
+//! and roots of single precision, so all machines draw the same maps.
 
 use super::rounding::{at_most, ceil, exp2, floor, not_below_zero, whole};
 use crate::patch::maps::Maps;
 
-/// Positions are whole numbers of this many to a unit.
+/// Position steps per unit.
 pub(in crate::patch) const STEPS: i32 = 16;
-/// Sigma of a network's usual peak, units: networks are mostly trained with 2, what they answer is a little wider.
+/// Sigma of a network's typical peak, units: most networks are trained with 2, and their peaks are
+/// a little wider.
 const SIGMA: f32 = 2.05;
-/// Steps of a width for a doubling.
+/// Width steps per doubling.
 const PER_OCTAVE: f32 = 12.0;
-/// Widths are at most so many steps from the usual one: a quarter to four times.
+/// Largest number of width steps from the typical one: a quarter to four times.
 pub(in crate::patch) const WIDEST: i32 = 24;
-/// Correlations are eighths.
+/// Step of a correlation: an eighth.
 pub(super) const CORRELATION: f32 = 1.0 / 8.0;
-/// Most steps of a correlation.
+/// Largest number of correlation steps.
 pub(in crate::patch) const MOST_TILTED: i32 = 6;
 /// Where a mode ends, squared and in sigmas: at 1/55 of its height.
 pub(super) const REACH2: f32 = 8.0;
-/// Positions may be so far outside the map, units.
+/// How far positions may be outside the map, units.
 pub(in crate::patch) const OUTSIDE: i32 = 4;
 
 /// The resolution of maps, in their units.
@@ -29,7 +30,7 @@ pub(in crate::patch) const OUTSIDE: i32 = 4;
 pub(in crate::patch) struct MapScale {
     pub(in crate::patch) width: usize,
     pub(in crate::patch) height: usize,
-    /// Cells to a unit.
+    /// Cells per unit.
     pub(in crate::patch) cells: f32,
 }
 
@@ -43,7 +44,7 @@ impl MapScale {
         }
     }
 
-    /// The largest position, [`STEPS`] to a unit, of the last column and row.
+    /// The largest position, [`STEPS`] per unit, of the last column and row.
     pub(in crate::patch) fn last(&self) -> [i32; 2] {
         [self.width, self.height].map(|n| (n as f32 / self.cells) as i32 * STEPS)
     }
@@ -52,17 +53,17 @@ impl MapScale {
 /// One peak.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(in crate::patch) struct Mode {
-    /// Column and row of its centre, [`STEPS`] to a unit.
+    /// Column and row of its centre, [`STEPS`] per unit.
     pub(in crate::patch) at: [i32; 2],
     /// Highest value, of 255.
     pub(in crate::patch) height: u8,
-    /// Sigma along columns and rows, steps from the usual one.
+    /// Sigma along columns and rows, steps from the typical one.
     pub(in crate::patch) width: [i32; 2],
     /// Correlation of the two, steps.
     pub(in crate::patch) tilt: i32,
 }
 
-/// A peak as it is measured, in cells.
+/// A measured peak, in cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::patch) struct FittedPeak {
     pub(in crate::patch) at: [f32; 2],
@@ -72,7 +73,7 @@ pub(in crate::patch) struct FittedPeak {
 }
 
 impl Mode {
-    /// The mode next to a measured peak.
+    /// The mode closest to a measured peak.
     pub(in crate::patch) fn of(peak: &FittedPeak, scale: &MapScale) -> Self {
         let last = scale.last();
         let at = [0, 1].map(|i| {
@@ -97,18 +98,18 @@ impl Mode {
         self.at.map(|at| at as f32 / STEPS as f32 * scale.cells)
     }
 
-    /// The rows that it reaches.
+    /// The rows that it covers.
     pub(in crate::patch) fn rows(&self, scale: &MapScale) -> std::ops::Range<usize> {
         let [_, y] = self.center(scale);
-        // Along one axis an ellipse reaches as far as its sigma says, however it is turned.
+        // Along one axis an ellipse extends as its sigma, whatever its rotation.
         let reach = sigma(self.width[1], scale) * REACH2.sqrt();
         let height = scale.height as f32;
         let [first, end] = [span_start(y, reach, height), span_end(y, reach, height)].map(whole);
         first.min(end) as usize..end as usize
     }
 
-    /// Columns beyond which it does not reach: one more at either end than [`Self::rows`] would have, since the ends of
-    /// rows are rounded on another way.
+    /// Columns that contain it. One more at either end than in [`Self::rows`], because the ends of
+    /// rows are rounded in another way.
     pub(in crate::patch) fn columns(&self, scale: &MapScale) -> std::ops::Range<usize> {
         let [x, _] = self.center(scale);
         let reach = sigma(self.width[0], scale) * REACH2.sqrt() + 1.0;
@@ -123,7 +124,7 @@ pub(super) fn sigma(width: i32, scale: &MapScale) -> f32 {
     SIGMA * scale.cells * WIDTHS[(width + WIDEST).clamp(0, 2 * WIDEST) as usize]
 }
 
-/// Widths, of the usual one.
+/// Widths relative to the typical one.
 static WIDTHS: [f32; 2 * WIDEST as usize + 1] = {
     let mut widths = [0.0; 2 * WIDEST as usize + 1];
     let mut i = 0;
@@ -134,13 +135,13 @@ static WIDTHS: [f32; 2 * WIDEST as usize + 1] = {
     widths
 };
 
-/// The first of the `size` cells of a row or column that are within `reach` of `center`.
+/// The first of the `size` cells of a row or column within `reach` of `center`.
 #[inline]
 pub(super) fn span_start(center: f32, reach: f32, size: f32) -> f32 {
     ceil(at_most(size, not_below_zero(center - reach)))
 }
 
-/// The cell after the last one of them; there are none where this is not after the first.
+/// The cell after the last one; the span is empty if this is not after the first.
 #[inline]
 pub(super) fn span_end(center: f32, reach: f32, size: f32) -> f32 {
     let last = center + reach;
@@ -194,7 +195,7 @@ mod tests {
         }
 
         #[test]
-        fn a_measured_mode_is_the_mode(mode in any_mode()) {
+        fn measuring_a_mode_gives_the_same_mode(mode in any_mode()) {
             let peak = FittedPeak {
                 at: mode.center(&SCALE),
                 height: mode.height.into(),

@@ -7,10 +7,10 @@ use super::recipe::{MAX_MODES, Recipe};
 use crate::patch::entropy::range_coder::BitCoder;
 use crate::patch::entropy::symbol::{count, number, plain, tree};
 
-/// Positions are coded in quarters of a unit with contexts; what is finer is as good as random.
+/// Positions are coded in quarters of a unit with contexts; finer bits are practically random.
 const QUARTER_BITS: u32 = (STEPS / 4).ilog2();
 
-/// What has been learnt in the patch so far.
+/// The state of the coder within a patch.
 #[derive(Debug, Clone)]
 pub(in crate::patch) struct ModeCoder {
     pub(in crate::patch) contexts: Contexts,
@@ -34,7 +34,7 @@ impl ModeCoder {
         }
     }
 
-    /// Forgets the maps before, but not the contexts, ahead of so many maps of this size.
+    /// Resets the state of earlier maps, but not the contexts, before `keypoints` maps of `scale`.
     pub(in crate::patch) fn begin(&mut self, keypoints: usize, scale: &MapScale) {
         self.last = scale.last();
         self.body.reset(keypoints, self.last);
@@ -43,7 +43,7 @@ impl ModeCoder {
         self.last_widths = [0; 3];
     }
 
-    /// Codes the modes of the next map: `modes` are written, or filled.
+    /// Codes the modes of the next map: writes `modes`, or fills it.
     pub(in crate::patch) fn modes<C: BitCoder>(
         &mut self,
         coder: &mut C,
@@ -107,12 +107,12 @@ impl ModeCoder {
             if i == 2 && !recipe.has_tilt() {
                 continue;
             }
-            let beside = if i == 1 {
+            let expected = if i == 1 {
                 coded[0]
             } else {
                 self.last_widths[i]
             };
-            let contexts = self.contexts.width(steps[i], i, beside);
+            let contexts = self.contexts.width(steps[i], i, expected);
             coded[i] = number(coder, contexts, written[i] / steps[i]);
         }
         self.last_widths = coded;

@@ -1,18 +1,18 @@
-//! Predicts where a keypoint's peak is, from the peaks of the keypoints before it, which both sides know.
+//! Predicts a keypoint's peak from the peaks of earlier keypoints, which both sides know.
 //!
-//! Each of the 17 keypoints of COCO is predicted from one or two others and a usual offset; the keypoints of other
-//! networks are predicted where the last one was.
+//! Each of COCO's 17 keypoints is predicted from one or two others and a typical offset. Keypoints
+//! of other networks are predicted at the last peak.
 
-/// Classes of expectation: the 17 keypoints, a keypoint of another network, a further peak.
+/// Classes of predictions: the 17 keypoints, a keypoint of another network, a further peak.
 pub(super) const CLASSES: usize = 19;
 /// The class of a keypoint of another network.
 const OTHER: usize = 17;
 /// The class of a map's further peaks.
 pub(super) const FURTHER: usize = 18;
 
-/// Of each of COCO's keypoints: by which one its column and by which one its row is expected, and how
-/// far it usually is from there, sixteenths of a unit. Measured on the maps of TinyPose, of rendered
-/// and of simulated people together.
+/// For each of COCO's keypoints: the keypoints that predict its column and its row, and its typical
+/// offsets from them, sixteenths of a unit. Measured on the maps of TinyPose, of rendered and of
+/// simulated people together.
 const NEAR: [([usize; 2], [i32; 2]); 17] = [
     ([0, 0], [0, 0]),
     ([0, 0], [4, -14]),
@@ -50,7 +50,7 @@ impl PeakPredictor {
         }
     }
 
-    /// Forgets all peaks, before maps of so many keypoints whose last position is `last`.
+    /// Resets all peaks, before maps of that many keypoints whose last position is `last`.
     pub(super) fn reset(&mut self, keypoints: usize, last: [i32; 2]) {
         self.peaks.clear();
         self.is_coco = keypoints == NEAR.len();
@@ -61,7 +61,7 @@ impl PeakPredictor {
         }
     }
 
-    /// Where the first peak of the next map may be, and the class of that expectation.
+    /// The predicted position of the next map's first peak, and the class of the prediction.
     pub(super) fn expected(&self) -> ([i32; 2], usize) {
         let k = self.peaks.len();
         let nearest = self.peaks.iter().rev().flatten().next();
@@ -77,7 +77,7 @@ impl PeakPredictor {
         (at, k % NEAR.len())
     }
 
-    /// Says where the first peak of the next map was, if it has one.
+    /// Adds the first peak of the next map, if any.
     pub(super) fn push(&mut self, peak: Option<[i32; 2]>) {
         self.peaks.push(peak);
     }

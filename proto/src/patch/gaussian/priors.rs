@@ -1,7 +1,7 @@
-//! Priors: of every context the probability of a `false`, of 256; 0 where it never occurred.
+//! Priors: for every context the probability of a `false`, of 256; 0 if it never occurred.
 //!
-//! Written by `lab codec --learn` over maps of TinyPose (twice), of simulated people, of the rendered ones of the
-//! project's own network, and of the Shelf.
+//! Written by `lab codec --learn` over maps of TinyPose (twice), of simulated people, of the
+//! rendered ones of the project's own network, and of the Shelf.
 
 /// In the order of [`super::contexts`].
 pub(super) const PRIORS: [u8; 1531] = [

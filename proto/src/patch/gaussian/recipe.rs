@@ -1,41 +1,42 @@
-//! The parameters of each compression level: how finely modes are written, and what is corrected after them.
+//! The parameters of each compression level: precision of modes, and corrections.
 
 use super::mode::{MOST_TILTED, Mode};
 use crate::patch::compression_level::{CompressionLevel, FLOOR};
 
-/// How maps become bytes at one compression level. The decoder needs the steps, all else is the encoder's own.
+/// The parameters of one compression level. The decoder needs the steps; the rest is used by the
+/// encoder only.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::patch) struct Recipe {
-    /// Least height of a mode.
+    /// Minimum height of a mode.
     pub(in crate::patch) floor: u8,
     /// Most modes of a map.
     pub(in crate::patch) modes: usize,
-    /// Bits of a position, of [`super::mode::STEPS`], that are left out.
+    /// Omitted bits of a position, of [`super::mode::STEPS`].
     pub(in crate::patch) position_bits: u32,
-    /// Bits of a height that are left out, at most 4.
+    /// Omitted bits of a height, at most 4.
     pub(in crate::patch) height_bits: u32,
-    /// Widths are multiples of so many steps.
+    /// Widths are multiples of this number of steps.
     pub(in crate::patch) width_step: i32,
-    /// Correlations are multiples of so many steps.
+    /// Correlations are multiples of this number of steps.
     pub(in crate::patch) tilt_step: i32,
-    /// The first of [`STEPS_DOWN`] that is tried.
+    /// The first of [`STEPS_DOWN`] to try.
     pub(in crate::patch) first: usize,
-    /// A patch of more bytes is made again, one step further down.
+    /// A patch of more bytes is encoded again, one step further down.
     pub(in crate::patch) most_bytes: usize,
 }
 
-/// What is kept beside the highest peak of each map.
+/// What is sent in addition to the highest peak of each map.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::patch) struct Rest {
-    /// Where no cell is off what the modes show by more, nothing is corrected.
+    /// No correction if no cell's error is larger.
     pub(in crate::patch) tolerance: u8,
-    /// Corrections are multiples of this; 0: there are none.
+    /// Corrections are multiples of this; 0: none.
     pub(in crate::patch) step: u8,
-    /// Least height of a map's further modes.
+    /// Minimum height of a map's further modes.
     pub(in crate::patch) further: u8,
 }
 
-/// From finest to coarsest; a patch states its index.
+/// From finest to coarsest; a patch contains its index.
 pub(in crate::patch) const STEPS_DOWN: [Rest; 11] = [
     rest(6, 4, 0),
     rest(12, 8, 0),
@@ -65,7 +66,7 @@ const fn rest(tolerance: u8, step: u8, further: u8) -> Rest {
 pub(in crate::patch) const MAX_MODES: usize = 4;
 
 impl Recipe {
-    /// That of `level`; there is none for what is kept without loss.
+    /// The recipe of `level`; `None` for lossless.
     pub(in crate::patch) const fn of(level: CompressionLevel) -> Option<Self> {
         let (
             floor,
@@ -94,7 +95,7 @@ impl Recipe {
         })
     }
 
-    /// The mode as it can be written.
+    /// The mode rounded to what can be written.
     pub(in crate::patch) fn snapped(&self, mode: &Mode) -> Mode {
         let near = |value: i32, step: i32| (value + step.div_euclid(2)).div_euclid(step) * step;
         let height = u32::from(mode.height);
@@ -110,7 +111,7 @@ impl Recipe {
         }
     }
 
-    /// Whether correlations are written: with coarser steps than these there are none.
+    /// Whether correlations are written: coarser steps have none.
     pub(in crate::patch) fn has_tilt(&self) -> bool {
         self.tilt_step <= MOST_TILTED
     }

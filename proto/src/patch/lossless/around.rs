@@ -1,25 +1,27 @@
-//! The causal neighbourhood of a cell, which both directions know before it, and the prediction from it.
+//! The causal neighbourhood of a cell, which both directions know before the cell, and the
+//! prediction from it.
 //!
-//! What the rows above say is summed for a whole row before its first cell, many columns at a time; along the row goes
-//! what the cells to the left say.
+//! The contribution of the rows above is summed for a whole row before its first cell, many columns
+//! at a time. The cells to the left are added along the row.
 
 use crate::patch::maps::MAX_SIDE;
 
-/// How far expectations look: rows above and cells to the left.
+/// Extent of the neighbourhood: rows above and cells to the left.
 const REACH: usize = 3;
 /// Columns that are summed at once.
 const LANES: usize = 16;
-/// Zeros before and after a row, so that none of its cells is at an end.
+/// Zeros before and after a row, so that no cell is at an end.
 const MARGIN: usize = LANES;
-/// Where a row's cells end.
+/// End of a row's cells.
 const END: usize = MARGIN + MAX_SIDE;
 
-/// Sums of cells that an expectation is scaled by, up to a power of two, so that no index needs a check.
+/// Limit of the sums that scale a prediction, rounded up to a power of two, so that no index needs
+/// a check.
 const SUMS: usize = 1024;
 const _: () = assert!(SUMS > REACH * 255);
-/// Fraction bits of [`RECIPROCALS`]: with these, products with what is scaled are the quotients, exactly.
+/// Fraction bits of [`RECIPROCALS`]: with these, products equal the exact quotients.
 const RECIPROCAL_BITS: u32 = 28;
-/// 1/n, rounded up; that of 0 is 0.
+/// 1/n, rounded up; 0 for n = 0.
 const RECIPROCALS: [u32; SUMS] = {
     let mut table = [0; SUMS];
     let mut n = 1;
@@ -33,32 +35,32 @@ const RECIPROCALS: [u32; SUMS] = {
 /// A row of a map between its margins.
 type Row = [u8; END + MARGIN];
 
-/// The row that is coded, those above it, and what these say of each of its columns.
+/// The coded row, the rows above, and their contribution to each of its columns.
 #[derive(Debug, Clone)]
 pub(super) struct Around {
-    /// The rows that are coded: row y is the one of y modulo how many there are.
+    /// The earlier rows: row y is at index y modulo their number.
     rows: [Row; REACH],
-    /// The row that is coded.
+    /// The coded row.
     own: Row,
     /// Per column, the cell above.
     up: Columns<u8>,
-    /// Per column, of the rows above in which neither its cell nor the one before is zero.
+    /// Per column, sums over the rows above in which neither the cell nor the one before is zero.
     sums: Columns<Sums>,
-    /// Per column: 2 where the cell above is zero, and 4 where the one to its right is.
+    /// Per column: 2 if the cell above is zero, plus 4 if the one to its right is.
     zeros: Columns<u8>,
 }
 
 /// One for each column of a row.
 type Columns<T> = [T; MAX_SIDE + LANES];
 
-/// Sums of cells, and of the cells beside these.
+/// Sums of cells, and of their neighbours.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     of: u16,
-    beside: u16,
+    neighbour: u16,
 }
 
-/// What the rows above say of a column.
+/// The contribution of the rows above to a column.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Column {
     up: u8,
@@ -67,9 +69,12 @@ pub(super) struct Column {
 }
 
 impl Around {
-    /// No row is known.
+    /// Without rows.
     pub(super) const fn new() -> Self {
-        let nothing = Sums { of: 0, beside: 0 };
+        let nothing = Sums {
+            of: 0,
+            neighbour: 0,
+        };
         Self {
             rows: [[0; END + MARGIN]; REACH],
             own: [0; END + MARGIN],
@@ -79,17 +84,17 @@ impl Around {
         }
     }
 
-    /// Forgets all rows.
+    /// Removes all rows.
     pub(super) fn begin(&mut self) {
         self.rows = [[0; END + MARGIN]; REACH];
     }
 
-    /// Row `y` has no cell but zeros.
+    /// Adds row `y` with only zeros.
     pub(super) fn skip(&mut self, y: usize) {
         self.rows[y % REACH] = [0; END + MARGIN];
     }
 
-    /// Begins row `y`, whose cells are zero but from `start` to `end`.
+    /// Starts row `y`, whose cells are zero except from `start` to `end`.
     pub(super) fn begin_row(&mut self, y: usize, start: usize, end: usize) {
         self.own = [0; END + MARGIN];
         self.look_up(y, start, end);
@@ -106,7 +111,7 @@ impl Around {
         }
     }
 
-    /// Says what the cell of the row in column `x` is.
+    /// Sets the cell of the row in column `x`.
     #[inline]
     pub(super) fn set(&mut self, x: usize, cell: u8) {
         self.own[MARGIN + x % MAX_SIDE] = cell;
@@ -119,7 +124,7 @@ impl Around {
         &row[MARGIN + start..=MARGIN + end]
     }
 
-    /// Sums what the rows above row `y` say of the columns from `start` to `end`.
+    /// Sums the rows above row `y` for the columns from `start` to `end`.
     fn look_up(&mut self, y: usize, start: usize, end: usize) {
         let above = [1, 2, 3].map(|up| &self.rows[(y + REACH - up) % REACH]);
         for x in (start..=end).step_by(LANES) {
@@ -139,19 +144,19 @@ impl Around {
     }
 }
 
-// These in their own functions, so that nothing around them keeps their numbers from being vectors.
+// In functions of their own, so that the code around them does not prevent vectorisation.
 
-/// Adds cells and those beside them, where neither is zero.
+/// Adds cells and their neighbours if neither is zero.
 #[inline(never)]
-fn add_pairs(sums: &mut [Sums; LANES], own: &[u8; LANES], beside: &[u8; LANES]) {
-    for (sums, (&own, &beside)) in sums.iter_mut().zip(own.iter().zip(beside)) {
-        let known = if own.min(beside) > 0 { u8::MAX } else { 0 };
+fn add_pairs(sums: &mut [Sums; LANES], own: &[u8; LANES], neighbour: &[u8; LANES]) {
+    for (sums, (&own, &neighbour)) in sums.iter_mut().zip(own.iter().zip(neighbour)) {
+        let known = if own.min(neighbour) > 0 { u8::MAX } else { 0 };
         sums.of += u16::from(own & known);
-        sums.beside += u16::from(beside & known);
+        sums.neighbour += u16::from(neighbour & known);
     }
 }
 
-/// Which cells above are zero, and which right of these.
+/// Marks the cells above, and to the right of these, that are zero.
 #[inline(never)]
 fn find_zeros(zeros: &mut [u8; LANES], up: &[u8; LANES], right: &[u8; LANES]) {
     for (zeros, (&up, &right)) in zeros.iter_mut().zip(up.iter().zip(right)) {
@@ -159,22 +164,23 @@ fn find_zeros(zeros: &mut [u8; LANES], up: &[u8; LANES], right: &[u8; LANES]) {
     }
 }
 
-/// Those of a row from `at` on.
+/// The cells of a row from `at` on.
 fn lanes(row: &Row, at: usize) -> &[u8; LANES] {
     row[at..].first_chunk().unwrap_or(&[0; LANES])
 }
 
-/// What lies left of a cell in its row.
+/// The cells to the left in the row.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Left {
     cell: u32,
     second: u32,
-    /// The last columns in which neither the cell nor the one above is zero: these, the latter above 16 bits.
+    /// The last columns in which neither the cell nor the one above is zero: sums, the latter above
+    /// 16 bits.
     pairs: [u32; REACH],
 }
 
 impl Left {
-    /// Moves on over a column whose cell is `cell`.
+    /// Moves over a column whose cell is `cell`.
     #[inline]
     pub(super) fn pass(&mut self, column: Column, cell: u8) {
         let (cell, up) = (u32::from(cell), u32::from(column.up));
@@ -186,13 +192,14 @@ impl Left {
 }
 
 impl Column {
-    /// Context of whether the cell is zero, below 8: which of left, above and above right are.
+    /// Context of whether the cell is zero, below 8: which of left, above and above right are zero.
     #[inline]
     pub(super) fn zero_context(self, left: &Left) -> usize {
         usize::from(self.zeros | u8::from(left.cell == 0)) % 8
     }
 
-    /// The value that the neighbours suggest, `floor`..=255, and the kind of suggestion (below 5).
+    /// The value predicted from the neighbours, `floor`..=255, and the kind of prediction (below
+    /// 5).
     #[inline]
     pub(super) fn expect(
         self,
@@ -202,14 +209,14 @@ impl Column {
         at: [usize; 2],
     ) -> (u8, usize) {
         let up = u32::from(self.up);
-        let Sums { of, beside } = self.from_left;
-        let (of, beside) = (u32::from(of), u32::from(beside));
+        let Sums { of, neighbour } = self.from_left;
+        let (of, neighbour) = (u32::from(of), u32::from(neighbour));
         let pairs = left.pairs.iter().sum::<u32>();
         let (of_left, of_up) = (pairs & 0xffff, pairs >> 16);
-        // What is not known suggests 0.
-        let from_left = quotient(left.cell * of + beside / 2, beside);
+        // Unknown neighbours predict 0.
+        let from_left = quotient(left.cell * of + neighbour / 2, neighbour);
         let from_up = quotient(up * of_left + of_up / 2, of_up);
-        let known = u32::from(left.cell > 0 && beside > 0) + u32::from(up > 0 && of_up > 0);
+        let known = u32::from(left.cell > 0 && neighbour > 0) + u32::from(up > 0 && of_up > 0);
         let (value, kind) = match known {
             0 => self.expect_from_one(left, floor, around, at),
             1 => (from_left + from_up, 1),
@@ -218,7 +225,7 @@ impl Column {
         (value.clamp(floor.into(), 255) as u8, kind)
     }
 
-    /// As [`Self::expect`] where nothing is known beside left and above.
+    /// As [`Self::expect`] if only one of left and above is known.
     #[inline(never)]
     fn expect_from_one(
         self,
@@ -259,7 +266,8 @@ mod tests {
     fn reciprocals_give_the_quotients() {
         let most = 255 * REACH as u32;
         for divisor in 1..=most {
-            // The quotient changes at the multiples of the divisor: there and just before them.
+            // The quotient changes at the multiples of the divisor: tests them and the values just
+            // before.
             let largest = 255 * most + divisor / 2;
             for multiple in (divisor..=largest).step_by(divisor as usize) {
                 for dividend in [multiple - 1, multiple] {

@@ -1,10 +1,11 @@
-//! The lossless coder: one walk over a map that encoder and decoder share, with a prediction at every step.
+//! The lossless coder: one traversal of a map, shared by encoder and decoder, with a prediction at
+//! every step.
 //!
-//! Per map: whether it is empty; its first row, against that of the map before (keypoints of one
-//! body lie near each other); then row by row where the row begins and ends, against the row
-//! before, and the cells in between. A cell is expected from its neighbours as if the peak were a
-//! product of a column and a row, which every upright Gaussian is; what is coded is the difference,
-//! in contexts of how wrong the neighbours' expectations were.
+//! For every map it codes whether it is empty, and its first row relative to that of the previous
+//! map (keypoints of one body are close together). Then, row by row, it codes the start and end
+//! relative to the previous row, and the cells between. The prediction of a cell assumes that the
+//! peak is a product of a column and a row, as every upright Gaussian is. The coder writes the
+//! difference, in contexts of the errors of the neighbours' predictions.
 
 mod around;
 
@@ -14,28 +15,29 @@ use self::around::{Around, Left};
 use super::entropy::range_coder::{BitCoder, Probability};
 use super::maps::{MAX_SIDE, Written};
 
-/// Sides of a map: what both directions know beforehand.
+/// Sides of a map: known in both directions.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::patch) struct Shape {
     pub(in crate::patch) width: usize,
     pub(in crate::patch) height: usize,
-    /// Least cell that is not zero, at least 1.
+    /// Smallest nonzero cell, at least 1.
     pub(in crate::patch) floor: u8,
 }
 
-/// Codes maps, and keeps its memory from patch to patch.
+/// Codes maps; reuses its memory from patch to patch.
 #[derive(Debug, Clone)]
 pub(in crate::patch) struct LosslessCoder {
     learnt: Learnt,
-    /// Whether the map before was empty, and where its first row and that row's first cell were.
+    /// Whether the previous map was empty, and the position of its first row and that row's first
+    /// cell.
     last_empty: bool,
     last_first: [usize; 2],
-    /// How wrong the expectation was, by column, in the row above up to here and in this row so far.
+    /// Prediction errors by column: of the row above up to here, and of this row so far.
     errors: [u8; MAX_SIDE],
     around: Around,
 }
 
-/// What has been learnt in the patch so far.
+/// The adaptive state within a patch.
 #[derive(Debug, Clone)]
 struct Learnt {
     empty_map: [Probability; 2],
@@ -47,16 +49,16 @@ struct Learnt {
     start: [Signed; 3],
     end: [Signed; 3],
     zero: [Probability; 8],
-    /// By kind of expectation, and then by class of error.
+    /// By kind of prediction, then by class of error.
     cell: [Signed; KINDS * ERROR_CLASSES],
 }
 
-/// Kinds of expectation.
+/// Kinds of predictions.
 const KINDS: usize = 5;
-/// Classes of how wrong expectations were.
+/// Classes of prediction errors.
 const ERROR_CLASSES: usize = 4;
 
-/// Where a row begins and ends: first and last cell that is not zero.
+/// Start and end of a row: first and last nonzero cell.
 #[derive(Debug, Clone, Copy)]
 struct RowSpan {
     start: usize,
@@ -82,7 +84,7 @@ impl Learnt {
 }
 
 impl LosslessCoder {
-    /// Nothing learnt yet.
+    /// Without learnt contexts.
     pub(in crate::patch) fn new() -> Self {
         Self {
             learnt: Learnt::nothing(),
@@ -93,14 +95,14 @@ impl LosslessCoder {
         }
     }
 
-    /// Forgets everything, before the first map of a patch.
+    /// Resets all state, before the first map of a patch.
     pub(in crate::patch) fn reset(&mut self, width: usize, height: usize) {
         self.learnt = Learnt::nothing();
         self.last_empty = false;
         self.last_first = [height / 2, width / 2];
     }
 
-    /// Codes one map: `cells` are read, or written over zeros. Returns which were written, if any.
+    /// Codes one map: reads `cells`, or writes them over zeros. Returns the written ones, if any.
     pub(in crate::patch) fn map<C: BitCoder>(
         &mut self,
         coder: &mut C,
@@ -168,7 +170,7 @@ impl LosslessCoder {
         written
     }
 
-    /// Forgets how wrong expectations were in the row with the span `before`, where `span` is not.
+    /// Resets the errors of the columns in the span `before` but not in `span`.
     fn forget_errors(&mut self, before: RowSpan, span: RowSpan) {
         if before.start < span.start {
             self.errors[before.start..span.start].fill(0);
@@ -178,7 +180,8 @@ impl LosslessCoder {
         }
     }
 
-    /// Codes where a row begins and ends; also returns which way its start moved from the row before.
+    /// Codes start and end of a row; also returns in which direction its start moved from the
+    /// previous row.
     fn span<C: BitCoder>(
         &mut self,
         coder: &mut C,
@@ -215,7 +218,7 @@ impl LosslessCoder {
         )
     }
 
-    /// Codes the cells of row `y` within `span`; the first and the last of them are not zero.
+    /// Codes the cells of row `y` within `span`; the first and the last of them are nonzero.
     fn row<C: BitCoder>(
         &mut self,
         coder: &mut C,
@@ -241,7 +244,7 @@ impl LosslessCoder {
                 let (expected, kind) = column.expect(&left, shape.floor, &self.around, at);
                 let class = error_class(u32::from(left_error) + u32::from(*error));
                 let contexts = &mut self.learnt.cell[kind * ERROR_CLASSES + class];
-                // Coded as steps above the floor: there is no cell between it and zero.
+                // Coded as steps above the floor: no cell is between it and zero.
                 let expected = usize::from(expected);
                 let step = usize::from(cell).saturating_sub(floor);
                 let step = contexts.near(coder, step, expected - floor, 255 - floor);
@@ -272,9 +275,9 @@ fn class_of(moved: Ordering) -> usize {
     }
 }
 
-/// Class of the summed errors of the left and the upper expectation.
+/// Class of the summed errors of the left and the upper prediction.
 fn error_class(sum: u32) -> usize {
-    // Counted, not branched to: what it is cannot be foreseen.
+    // Counted without branches, because the class is unpredictable.
     usize::from(sum > 1) + usize::from(sum > 4) + usize::from(sum > 12)
 }
 
@@ -286,7 +289,7 @@ struct Unsigned {
 }
 
 impl Unsigned {
-    /// Numbers plus one have at most so many bits after the first.
+    /// Largest number of bits after the first of a number plus one.
     const MOST_BITS: usize = 8;
 
     const fn new() -> Self {
@@ -296,7 +299,7 @@ impl Unsigned {
         }
     }
 
-    /// Codes `number`, which is at most `limit` (at most 255); what is read is cut to that.
+    /// Codes `number`, which is at most `limit` (at most 255); a read value is limited to that.
     #[inline]
     fn code<C: BitCoder>(&mut self, coder: &mut C, number: usize, limit: usize) -> usize {
         if limit == 0 {
@@ -311,7 +314,7 @@ impl Unsigned {
         let mut coded = 1;
         if let Some(second) = length.checked_sub(1) {
             coded = 2 | usize::from(coder.code(whole >> second & 1 == 1, &mut self.second[second]));
-            // Bits below the second are as good as random.
+            // Bits below the second are practically random.
             for i in (0..second).rev() {
                 coded = coded << 1 | usize::from(coder.even(whole >> i & 1 == 1));
             }
@@ -320,7 +323,7 @@ impl Unsigned {
     }
 }
 
-/// Contexts of a number near an expected one.
+/// Contexts of a number near a predicted one.
 #[derive(Debug, Clone, Copy)]
 struct Signed {
     other: Probability,
@@ -337,7 +340,7 @@ impl Signed {
         }
     }
 
-    /// Codes `number`, expected to be near `expected`; both are at most `limit`.
+    /// Codes `number`, predicted near `expected`; both are at most `limit`.
     #[inline]
     fn near<C: BitCoder>(
         &mut self,
@@ -349,7 +352,7 @@ impl Signed {
         if limit == 0 || !coder.code(number != expected, &mut self.other) {
             return expected;
         }
-        // At an end of the range there is only one way to go.
+        // At an end of the range there is only one direction.
         let less = match expected {
             0 => false,
             end if end == limit => true,
