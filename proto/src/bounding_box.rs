@@ -1,12 +1,12 @@
-//! Predicted image regions of persons.
+//! Predicted image regions of people.
 
 use serde::{Deserialize, Serialize};
 
-/// Where one person is expected in one camera: a rotated rectangle in undistorted pixels.
+/// The predicted region of one person in one camera: a rotated rectangle in undistorted pixels.
 ///
-/// Ohashi 2020, eq. (2). A rotation turns +x towards +y (clockwise on the screen) and is the negative of
-/// B' in eq. (4): an upright person has 0, a person lying with the head to the image's right has
-/// +pi/2.
+/// Ohashi 2020, eq. (2). A rotation turns +x towards +y (clockwise on the screen) and is the
+/// negative of B' in eq. (4): an upright person has 0, a person lying with the head to the image's
+/// right has +pi/2.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct BoundingBox {
     /// Centre (x, y), undistorted pixels.
@@ -17,25 +17,26 @@ pub struct BoundingBox {
     pub rotation_rad: f32,
 }
 
-/// Change of a [`BoundingBox`] per tick, so that an edge can move an old box on.
+/// Change of a [`BoundingBox`] per tick, with which an edge extrapolates an old box.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct BoxRate {
     /// Motion of the centre, pixels per tick.
     pub center_px: [f32; 2],
     /// Growth of the size, pixels per tick.
     pub size_px: [f32; 2],
-    /// Turn, radians per tick.
+    /// Rotation, radians per tick.
     pub rotation_rad: f32,
 }
 
-/// Share of its size by which a box grows per tick of age, as its rates are predictions too.
+/// Share of its size by which a box grows per tick of age, because its rates are predictions too.
 pub const WIDENING_PER_TICK: f32 = 0.02;
 
 /// Largest factor by which a box grows with age: larger crops only lose detail.
 pub const WIDENING_MAX: f32 = 1.5;
 
 impl BoundingBox {
-    /// The box extrapolated by `ticks` (back in time where negative) and widened by [`WIDENING_PER_TICK`] a tick.
+    /// The box extrapolated by `ticks` (negative: back in time) and widened by
+    /// [`WIDENING_PER_TICK`] per tick.
     #[must_use]
     pub fn moved_on(&self, rate: &BoxRate, ticks: i64) -> Self {
         if ticks == 0 {
@@ -93,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_of_a_later_tick_is_moved_back_and_one_of_this_tick_stays_as_it_is() {
+    fn a_later_box_is_moved_back_and_a_current_one_is_unchanged() {
         let b = BoundingBox {
             center_px: [1.0, 2.0],
             size_px: [3.0, 4.0],

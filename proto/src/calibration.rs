@@ -1,10 +1,10 @@
-//! The calibration file: where every camera stands and how its lens draws.
+//! The calibration file: the pose and lens of every camera.
 //!
-//! Two flavours are read, as other tools write them. One table per camera (aniposelib, Pose2Sim,
-//! FreeMoCap), with a `name` and a Rodrigues `rotation`; and Caliscope's, `[cameras.0]` or
-//! `[cam_0]`, with a `cam_id` and a 3 x 3 `rotation`, whose cameras are called `cam_<id>` after
-//! its video files. Fields and tables that are not a camera's are ignored. Where a camera of either says
-//! `fisheye = true`, its four distortions are k1 to k4 of OpenCV's fisheye model.
+//! Two formats of other tools are supported. The first has one table per camera (aniposelib,
+//! Pose2Sim, FreeMoCap), with a `name` and a Rodrigues `rotation`. The second is Caliscope's:
+//! `[cameras.0]` or `[cam_0]`, with a `cam_id` and a 3 x 3 `rotation`; its cameras are named
+//! `cam_<id>` after its video files. Other fields and tables are ignored. With `fisheye = true`,
+//! the four distortions of a camera are k1 to k4 of OpenCV's fisheye model.
 
 mod file_text;
 mod surveyed;
@@ -24,20 +24,21 @@ use crate::toml_file::{FileError, Place, TomlFile};
 
 pub use self::file_text::{FORMATS_READ, text_of};
 
-/// Two cameras of one venue are at most this far apart, metres; more means other units.
+/// Largest distance of two cameras of one venue, metres; a larger one indicates other units.
 pub const MAX_DISTANCE_M: f64 = 500.0;
 
-/// Longest name of a camera: with a prefix, a tick and an ending it fits the 255 bytes of a file's name, also where every
-/// byte of it is written as `%2F`.
+/// Longest name of a camera. With a prefix, a tick and an extension it fits the 255 bytes of a file
+/// name, even if every byte is escaped as `%2F`.
 const MOST_CAMERA_NAME_BYTES: usize = 64;
 
-/// How far R R' of a 3 x 3 rotation may be from the identity: files keep six digits or more.
+/// Largest deviation of R R' of a 3 x 3 rotation from the identity: files have six digits or more.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
-/// Longest Rodrigues vector, radians: a whole turn, with room for rounding. Tools write half of it at most.
+/// Longest Rodrigues vector, radians: a full turn, with room for rounding. Tools write at most half
+/// of it.
 const MAX_ROTATION_RAD: f64 = std::f64::consts::TAU + 1e-3;
 
-/// The fields by which a table is known as a camera's.
+/// The fields that identify the table of a camera.
 const CAMERA_FIELDS: [&str; 5] = ["size", "matrix", "distortions", "rotation", "translation"];
 
 /// All calibrated cameras of a file.
@@ -47,18 +48,18 @@ pub struct Calibration {
     pub cameras: BTreeMap<String, CameraModel>,
     /// Fingerprint of the file's text: 16 hexadecimal digits.
     pub hash: String,
-    /// Length of every rotation that is written as a Rodrigues vector, by its camera's name, radians.
+    /// Length of every rotation given as a Rodrigues vector, by camera name, radians.
     pub rotation_lengths_rad: BTreeMap<String, f64>,
 }
 
 impl Calibration {
-    /// Reads the text of a calibration file; `path` is only named in errors.
+    /// Parses the text of a calibration file; errors name `path`.
     ///
     /// # Errors
-    /// [`FileError`] naming file, line, table and field: broken syntax, missing or impossible
+    /// [`FileError`] with file, line, table and field: broken syntax, missing or impossible
     /// numbers, a lens model that folds, cameras too far apart for metres.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
-        let file = TomlFile::parse(text, path).map_err(|error| of_another_format(error, path))?;
+        let file = TomlFile::parse(text, path).map_err(|error| foreign_format(error, path))?;
         let root: Table = file.read()?;
         let mut cameras = BTreeMap::new();
         let mut rotation_lengths_rad = BTreeMap::new();
@@ -99,7 +100,7 @@ impl Calibration {
     }
 }
 
-/// Terminals show the names of cameras, and files are called after them.
+/// Terminals print the names of cameras, and files are named after them.
 fn check_camera_name(name: &str) -> Result<(), String> {
     if name.len() > MOST_CAMERA_NAME_BYTES {
         let n = name.len();
@@ -115,7 +116,7 @@ fn check_camera_name(name: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Every table that describes a camera, with its place and the name it has there.
+/// Every table that describes a camera, with its place and its name there.
 fn camera_tables(root: &Table) -> Vec<(Place, String, &Table)> {
     let is_camera = |table: &Table| CAMERA_FIELDS.iter().any(|field| table.contains_key(*field));
     let mut found = Vec::new();
@@ -163,7 +164,7 @@ impl Entry<'_> {
         let lens = self.lens()?;
         let rotation = self.rotation()?;
         let translation = Translation3::from(Vector3::from(self.numbers::<3>("translation")?));
-        // The file's extrinsics take world coordinates to the camera's.
+        // The file's extrinsics map world coordinates to camera coordinates.
         let camera_from_world = Transform::new(Isometry3::from_parts(translation, rotation));
         CameraModel::new(name, size_px, intrinsics, lens, camera_from_world).map_err(|error| {
             let field = match error {
@@ -289,7 +290,7 @@ impl Entry<'_> {
         Ok(rows.is_some_and(|rows| rows.iter().any(Value::is_array)))
     }
 
-    /// A Rodrigues vector; one of more than a whole turn is none that a tool writes.
+    /// Reads a Rodrigues vector; refuses one of more than a full turn, which no tool writes.
     fn rotation_vector(&self) -> Result<Vector3<f64>, FileError> {
         let vector = Vector3::from(self.numbers::<3>("rotation")?);
         let length = vector.norm();
@@ -303,7 +304,7 @@ impl Entry<'_> {
         Ok(vector)
     }
 
-    /// `None` where the rotation is written as a matrix.
+    /// `None` if the rotation is a matrix.
     fn rotation_length_rad(&self) -> Result<Option<f64>, FileError> {
         if self.has_rotation_matrix()? {
             return Ok(None);
@@ -359,12 +360,12 @@ impl Entry<'_> {
     }
 }
 
-/// Refuses cameras that stand together, farther from the origin than a camera may.
+/// Refuses cameras that are close together but farther from the origin than allowed.
 fn check_origin(entries: &[(String, Entry<'_>)]) -> Result<(), FileError> {
     let mut far = None;
     let mut centers_m = Vec::new();
     for (_, entry) in entries {
-        // What is wrong in these is said when the camera is read.
+        // Errors in these fields are reported when the camera is read.
         let (Ok(rotation), Ok(translation)) = (entry.rotation(), entry.numbers("translation"))
         else {
             return Ok(());
@@ -380,8 +381,8 @@ fn check_origin(entries: &[(String, Entry<'_>)]) -> Result<(), FileError> {
     }
 }
 
-/// What is no TOML may be a calibration as another program writes it.
-fn of_another_format(error: FileError, path: &Path) -> FileError {
+/// A file that is not TOML may be a calibration of another program.
+fn foreign_format(error: FileError, path: &Path) -> FileError {
     if path.extension().is_some_and(|is| is == "toml") {
         return error;
     }

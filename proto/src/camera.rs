@@ -1,11 +1,15 @@
-//! The camera model: a pinhole with OpenCV's lens distortion (Ohashi 2020, eq. (A.1) and (A.2)), or OpenCV's fisheye.
+//! The camera model: a pinhole with OpenCV's lens distortion (Ohashi 2020, eq. (A.1) and (A.2)), or
+//! OpenCV's fisheye.
 //!
-//! Fusion works with ideal pinholes only ([`Undistorted`] pixels); the edge applies the lens ([`Distorted`] pixels). A
-//! lens model is used only as far as it is monotonic: past that radius a polynomial folds back, and a point far outside
-//! the view would land inside the image. A fisheye is used up to [`FISHEYE_HALF_VIEW_RAD`] off its axis: what its picture
-//! shows beyond is as unknown as what lies outside a picture, so that the lens draws no pixel of the pinhole there
-//! ([`CameraModel::distort`], [`CameraModel::sees`]) and undoes none ([`CameraModel::undistort`]). The pinhole itself
-//! ([`CameraModel::project`], [`CameraModel::projection_matrix`]) goes on, as it does outside any picture.
+//! Fusion uses only ideal pinholes ([`Undistorted`] pixels); the edge applies the lens
+//! ([`Distorted`] pixels). A lens model is used only where it is monotonic. Beyond that radius a
+//! polynomial folds back, and a point far outside the view would land inside the image.
+//!
+//! A fisheye is used up to [`FISHEYE_HALF_VIEW_RAD`] off its axis. The rest of its picture counts
+//! as unknown, like the area outside a picture. Therefore the lens draws no pixel of the pinhole
+//! there ([`CameraModel::distort`], [`CameraModel::sees`]) and undistorts none
+//! ([`CameraModel::undistort`]). The pinhole itself ([`CameraModel::project`],
+//! [`CameraModel::projection_matrix`]) has no such limit.
 
 mod fisheye;
 mod lens;
@@ -21,21 +25,22 @@ pub use rational::Distortion;
 
 use crate::frames::{Camera, Distorted, Pixel, Point, Transform, Undistorted, World};
 
-/// Points at this depth or nearer are not projected, metres: in front of every lens, and far
-/// enough from zero that a pixel stays finite.
+/// Points at this depth or nearer are not projected, metres: in front of every lens, and far enough
+/// from zero that a pixel stays finite.
 pub const NEAR_PLANE_M: f64 = 0.05;
 
-/// Largest residual of an undistorted pixel, pixels: a tenth of what [`CameraModel::undistort`] promises.
+/// Largest residual of an undistorted pixel, pixels: a tenth of the accuracy of
+/// [`CameraModel::undistort`].
 const RESIDUAL_PX: f64 = 1e-10;
 
-/// Focal lengths that are accepted, pixels: a lens of a tenth of a degree on a large sensor has 1e6.
+/// Accepted focal lengths, pixels: a lens of a tenth of a degree on a large sensor has 1e6.
 const FOCAL_PX: [f64; 2] = [1.0, 1e6];
 
-/// How far the principal point may be from the first pixel along either axis, pixels.
+/// Largest distance of the principal point from the first pixel along either axis, pixels.
 const MAX_PRINCIPAL_PX: f64 = 1e6;
 
-/// Largest coordinate of a translation, metres. Sums of squares stay exact to micrometres; a hall given in millimetres
-/// still passes here, and is recognised by its size later.
+/// Largest coordinate of a translation, metres. Sums of squares stay exact to micrometres. A hall
+/// in millimetres still passes this check; its size reveals the unit later.
 pub(crate) const MAX_TRANSLATION_M: f64 = 1e5;
 
 /// Points per image edge at which a model is checked for folds.
@@ -65,20 +70,20 @@ pub enum CameraError {
         /// Width and height.
         size_px: [u32; 2],
     },
-    /// A focal length or the principal point is no usable number.
+    /// A focal length or the principal point is out of range.
     #[error(
         "camera `{camera}`: `{field}`: found {value:?}, expected a number from {min} to {max} pixels"
     )]
     Intrinsics {
         /// The camera's name.
         camera: String,
-        /// Which number.
+        /// Name of the number.
         field: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// The least that is accepted.
+        /// The accepted minimum.
         min: f64,
-        /// The most that is accepted.
+        /// The accepted maximum.
         max: f64,
     },
     /// A distortion coefficient is not finite.
@@ -90,10 +95,10 @@ pub enum CameraError {
         camera: String,
         /// Which coefficient.
         coefficient: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
-    /// The extrinsics hold a number that is not finite.
+    /// The extrinsics contain a number that is not finite.
     #[error("camera `{camera}`: its rotation or translation is not finite")]
     Extrinsics {
         /// The camera's name.
@@ -119,7 +124,7 @@ pub enum CameraError {
     Folds {
         /// The camera's name.
         camera: String,
-        /// A distorted pixel of the image's edge that the model does not reach.
+        /// A distorted pixel on the edge of the image that the model does not reach.
         at_px: [f64; 2],
         /// Distorted distance from the principal point that the model reaches, pixels.
         monotonic_px: f64,
@@ -131,13 +136,13 @@ pub enum CameraError {
 /// A half-line in the venue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
-    /// Where it starts: the camera's centre.
+    /// Its start: the camera's centre.
     pub origin: Point<World>,
-    /// Where it points, world axes.
+    /// Its direction, world axes.
     pub direction: Unit<Vector3<f64>>,
 }
 
-/// One calibrated camera: pinhole, lens and place.
+/// One calibrated camera: pinhole, lens and pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraModel {
     name: String,
@@ -151,8 +156,8 @@ impl CameraModel {
     /// A camera of `size_px` (width, height) pixels.
     ///
     /// # Errors
-    /// [`CameraError`] when a number is not finite or out of range, the size is zero, or the lens model folds inside the
-    /// image; of a fisheye, inside the part of the image that is used.
+    /// [`CameraError`] when a number is not finite or out of range, the size is zero, or the lens
+    /// model folds inside the image (for a fisheye, inside the used part of the image).
     pub fn new(
         name: impl Into<String>,
         size_px: [u32; 2],
@@ -197,17 +202,17 @@ impl CameraModel {
         self.lens.model()
     }
 
-    /// Where the camera stands.
+    /// The pose of the camera.
     pub fn camera_from_world(&self) -> &Transform<Camera, World> {
         &self.camera_from_world
     }
 
-    /// The pinhole.
+    /// The position of the pinhole.
     pub fn center(&self) -> Point<World> {
         self.camera_from_world.inverse() * Point::new(Point3::origin())
     }
 
-    /// Where the ideal pinhole sees `p_w`; `None` at or behind [`NEAR_PLANE_M`]. Paper (A.1).
+    /// Projects `p_w` with the ideal pinhole; `None` at or behind [`NEAR_PLANE_M`]. Paper (A.1).
     pub fn project(&self, p_w: Point<World>) -> Option<Pixel<Undistorted>> {
         let p_c = (self.camera_from_world * p_w).coordinates_m();
         (p_c.z > NEAR_PLANE_M).then(|| {
@@ -230,19 +235,19 @@ impl CameraModel {
         pinhole * motion.fixed_view::<3, 4>(0, 0)
     }
 
-    /// Where the lens draws what an ideal pinhole would draw at `pixel`; `None` beyond the radius
-    /// up to which the lens model is monotonic, or a fisheye is used. Paper (A.2), with OpenCV's higher orders.
+    /// The distorted position of an ideal pinhole's `pixel`. `None` beyond the radius up to which
+    /// the lens model is monotonic, or beyond the used part of a fisheye. Paper (A.2), with
+    /// OpenCV's higher orders.
     pub fn distort(&self, pixel: Pixel<Undistorted>) -> Option<Pixel<Distorted>> {
         self.distort_in(pixel, ViewPart::Used)
     }
 
-    /// The inverse of [`Self::distort`], to 1e-9 px; `None` where no undistorted pixel is drawn, or none that is used.
+    /// The inverse of [`Self::distort`], to 1e-9 px; `None` if no used pixel is drawn there.
     pub fn undistort(&self, pixel: Pixel<Distorted>) -> Option<Pixel<Undistorted>> {
         self.undistort_in(pixel, ViewPart::Used)
     }
 
-    /// As [`Self::distort`], and of a fisheye also what is not used, up to 80 degrees off its axis: for whoever draws
-    /// pictures.
+    /// As [`Self::distort`], but for a fisheye up to 80 degrees off its axis, to render pictures.
     pub fn distort_wide(&self, pixel: Pixel<Undistorted>) -> Option<Pixel<Distorted>> {
         self.distort_in(pixel, ViewPart::Drawn)
     }
@@ -254,7 +259,7 @@ impl CameraModel {
 
     fn distort_in(&self, pixel: Pixel<Undistorted>, part: ViewPart) -> Option<Pixel<Distorted>> {
         if self.lens().is_none() {
-            // Exactly: normalising and back would round.
+            // Exact: normalisation and back would round.
             return Some(Pixel::new(pixel.x(), pixel.y()));
         }
         let drawn = self.lens.draw(self.normalised(pixel.vector_px()), part)?;
@@ -272,20 +277,20 @@ impl CameraModel {
         Some(Pixel::new(px.x, px.y))
     }
 
-    /// What a drawn point may be off, in focal lengths.
+    /// Tolerance of a drawn point, in focal lengths.
     fn tolerance(&self) -> f64 {
         RESIDUAL_PX / self.intrinsics.fx_px.max(self.intrinsics.fy_px)
     }
 
-    /// Whether the lens model says what is at `pixel`, as far as that is used.
+    /// Whether the lens model describes `pixel`, or `pixel` is outside the used part.
     fn accounts_for(&self, pixel: Pixel<Distorted>) -> bool {
         let target = self.normalised(pixel.vector_px());
         self.lens().is_none() || self.lens.accounts_for(target, self.tolerance())
     }
 
-    /// `pixel`, moved towards the principal point to the rim of what is used of a fisheye where it lies beyond it. Other
-    /// lenses end with their pictures: theirs stays as it is.
-    // Inlined, with what it asks: for most lenses nothing is left of it, in loops over every joint.
+    /// Moves `pixel` towards the principal point to the rim of a fisheye's used part, if it is
+    /// beyond the rim. Pixels of other lenses are unchanged; their view ends with the picture.
+    // Inlined with its callees: for most lenses nothing remains of it, in loops over every joint.
     #[inline]
     pub fn within_view(&self, pixel: Pixel<Undistorted>) -> Pixel<Undistorted> {
         if self.lens().is_fisheye() {
@@ -301,12 +306,13 @@ impl CameraModel {
         Pixel::new(px.x, px.y)
     }
 
-    /// Whether `pixel` is not beyond what is used of a fisheye, in the picture or not; of other lenses all is used.
+    /// Whether `pixel` is within the used part of a fisheye, inside or outside the picture; always
+    /// true for other lenses.
     pub fn is_within_view(&self, pixel: Pixel<Undistorted>) -> bool {
         self.lens.is_within_view(self.normalised(pixel.vector_px()))
     }
 
-    /// The half-line that an ideal pinhole sees at `pixel`.
+    /// The half-line of an ideal pinhole through `pixel`.
     pub fn ray(&self, pixel: Pixel<Undistorted>) -> Ray {
         let p = self.normalised(pixel.vector_px());
         let back = self.camera_from_world.isometry().rotation.inverse();
@@ -317,7 +323,7 @@ impl CameraModel {
         }
     }
 
-    /// Whether the lens draws `pixel` inside the image, and it is used there.
+    /// Whether the lens draws `pixel` inside the image and in its used part.
     pub fn sees(&self, pixel: Pixel<Undistorted>) -> bool {
         let [width, height] = self.size_px.map(f64::from);
         self.distort(pixel).is_some_and(|px| {
@@ -345,7 +351,7 @@ impl CameraModel {
         Vector2::new(fx_px * p.x + cx_px, fy_px * p.y + cy_px)
     }
 
-    /// Points all around the image's edge; a monotonic model that draws them draws the image.
+    /// Points along the image's edge; a monotonic model that draws them draws the whole image.
     fn edge_pixels(&self) -> impl Iterator<Item = Pixel<Distorted>> + use<> {
         let [width, height] = self.size_px.map(f64::from);
         (0..EDGE_POINTS).flat_map(move |i| {

@@ -1,31 +1,31 @@
-//! What is wrong or doubtful about an input: how severe it is, what was found, and the remedy.
+//! Problems of an input: their severity, what was found, and the remedy.
 
 use std::fmt;
 
-/// How much a finding says.
+/// How serious a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// Nothing is lost by it.
+    /// For information only.
     Note,
-    /// There are venues in which it is so.
+    /// Suspect, but correct in some venues.
     Doubtful,
-    /// No run can be right with it.
+    /// No run can be correct with it.
     Wrong,
 }
 
-/// Something about an input that its owner may not know, and what to do.
+/// A problem of an input that its owner may not know, and the remedy.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Advice {
-    /// How much it says.
+    /// Its severity.
     pub severity: Severity,
-    /// What it is.
+    /// The problem.
     pub problem: String,
-    /// What to do about it, or where it is not enough.
+    /// The remedy, or where it is not sufficient.
     pub remedy: String,
 }
 
 impl Advice {
-    /// Advice that something is doubtful.
+    /// A suspect input.
     pub fn doubtful(problem: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self {
             severity: Severity::Doubtful,
@@ -34,7 +34,7 @@ impl Advice {
         }
     }
 
-    /// The same, of `named`: the problem begins with it.
+    /// Prefixes the problem with `named`.
     #[must_use]
     pub fn of(self, named: &str) -> Self {
         Self {
@@ -44,7 +44,7 @@ impl Advice {
     }
 }
 
-/// Reads as `doubtful: camera `ne` is interlaced; to use every field: ...`.
+/// Format: `doubtful: camera `ne` is interlaced; to use every field: ...`.
 impl fmt::Display for Advice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let word = match self.severity {
@@ -56,32 +56,32 @@ impl fmt::Display for Advice {
     }
 }
 
-/// One thing that speaks against a calibration. Each module that looks for such things lists its `Cause`s.
+/// One reason against a calibration. Each module with such checks lists its `Cause`s.
 ///
-/// Reads as ``camera `ne`: it stands 1.2 m under the floor, expected above it; ...``.
+/// Format: ``camera `ne`: it stands 1.2 m under the floor, expected above it; ...``.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding<Cause> {
-    /// The camera that it is about; `None` when it is about all of them.
+    /// The affected camera; `None` for all cameras.
     pub camera: Option<String>,
-    /// What kind of mistake it is.
+    /// The kind of mistake.
     pub cause: Cause,
-    /// How much it says.
+    /// Its severity.
     pub severity: Severity,
     /// What was found.
     pub found: String,
     /// What was expected.
     pub expected: String,
-    /// What mends it.
+    /// The remedy.
     pub remedy: String,
 }
 
 impl<Cause> Finding<Cause> {
-    /// Whether no run can be right with it.
+    /// Whether no run can be correct with it.
     pub fn is_wrong(&self) -> bool {
         self.severity == Severity::Wrong
     }
 
-    /// What was found and what was expected, without the remedy.
+    /// Found and expected values, without the remedy.
     pub fn problem(&self) -> String {
         let of = self
             .camera

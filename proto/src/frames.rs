@@ -1,8 +1,8 @@
 //! Coordinate frames as types: a point of one frame cannot be used as a point of another.
 //!
-//! Transforms read right to left so that neighbours match: `camera_from_world * elbow_w`. The
-//! constructors are the only claims about a frame; typed frames stop at function borders, inside
-//! plain nalgebra is used.
+//! Transforms are read from right to left, so that neighbours match: `camera_from_world * elbow_w`.
+//! Only the constructors assert a frame. Typed frames are used at function borders; the code inside
+//! uses plain nalgebra.
 
 use std::marker::PhantomData;
 use std::ops::Mul;
@@ -25,7 +25,7 @@ pub struct Point<F> {
 }
 
 impl<F> Point<F> {
-    /// Claims that `m` (metres) is expressed in `F`.
+    /// Asserts that `m` (metres) is expressed in `F`.
     pub fn new(m: Point3<f64>) -> Self {
         Self {
             m,
@@ -33,13 +33,13 @@ impl<F> Point<F> {
         }
     }
 
-    /// The bare coordinates in metres.
+    /// The plain coordinates in metres.
     pub fn coordinates_m(&self) -> Point3<f64> {
         self.m
     }
 }
 
-/// A rigid motion that takes points of `From` to points of `To`.
+/// A rigid motion that maps points of `From` to points of `To`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Transform<To, From> {
     isometry: Isometry3<f64>,
@@ -47,7 +47,7 @@ pub struct Transform<To, From> {
 }
 
 impl<To, From> Transform<To, From> {
-    /// Claims that `isometry` maps coordinates of `From` to coordinates of `To`.
+    /// Asserts that `isometry` maps coordinates of `From` to coordinates of `To`.
     pub fn new(isometry: Isometry3<f64>) -> Self {
         Self {
             isometry,
@@ -55,12 +55,12 @@ impl<To, From> Transform<To, From> {
         }
     }
 
-    /// The bare rigid motion.
+    /// The plain rigid motion.
     pub fn isometry(&self) -> &Isometry3<f64> {
         &self.isometry
     }
 
-    /// The motion back.
+    /// The inverse motion.
     pub fn inverse(&self) -> Transform<From, To> {
         Transform::new(self.isometry.inverse())
     }
@@ -82,11 +82,11 @@ impl<A, B, C> Mul<Transform<B, C>> for Transform<A, B> {
     }
 }
 
-/// Pixels as the lens drew them: what a recorded image holds.
+/// Pixels with lens distortion, as in a recorded image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Distorted {}
 
-/// Pixels of the ideal pinhole with the same intrinsics: what boxes and patches are expressed in.
+/// Pixels of the ideal pinhole with the same intrinsics; boxes and patches use them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Undistorted {}
 
@@ -98,7 +98,7 @@ pub struct Pixel<D> {
 }
 
 impl<D> Pixel<D> {
-    /// Claims that (`x`, `y`) are pixels of kind `D`.
+    /// Asserts that (`x`, `y`) are pixels of kind `D`.
     pub fn new(x: f64, y: f64) -> Self {
         Self {
             px: Vector2::new(x, y),

@@ -1,16 +1,16 @@
-//! Where the cells of a map lie in the image: the geometry of a crop, as both sides need it.
+//! The geometry of a crop: the positions of a map's cells in the image.
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::frames::{Pixel, Undistorted};
 
-/// Origins in short form are whole multiples of this fraction of a pixel: 1/4.
+/// The short form has origins in multiples of 1/4 pixel.
 const ORIGINS_PER_PX: f32 = 4.0;
-/// Steps in short form are whole multiples of this fraction of a pixel: 1/256.
+/// The short form has steps in multiples of 1/256 pixel.
 const STEPS_PER_PX: f32 = 256.0;
 
-/// The grid of a heatmap laid over the undistorted image: a similarity from cells to pixels.
+/// The grid of a heatmap on the undistorted image: a similarity from cells to pixels.
 ///
 /// ```text
 ///   pixel(x, y) = origin + x step + y perp(step),   perp((a, b)) = (-b, a)
@@ -48,18 +48,19 @@ impl CellGrid {
         Vector2::new((dx * sx + dy * sy) / norm, (dy * sx - dx * sy) / norm)
     }
 
-    /// Native image pixels per cell; above 1 the crop was shrunk, below 1 it was enlarged.
+    /// Native image pixels per cell; above 1 the crop was reduced, below 1 it was enlarged.
     pub fn pixels_per_cell(&self) -> f64 {
         libm::hypot(f64::from(self.step_px[0]), f64::from(self.step_px[1]))
     }
 
-    /// The nearest grid that has a short form on the wire: its origin in quarter pixels, its step in 1/256 pixels.
-    /// Steps so small that this would change them by more than a hundredth stay as they are.
+    /// The nearest grid with a short form on the wire: its origin in quarter pixels, its step in
+    /// 1/256 pixels. A step so small that this would change it by more than a hundredth is
+    /// unchanged.
     ///
-    /// Crops must be cut on a snapped grid: then nothing is lost on the wire.
+    /// Crops must use a snapped grid: then the wire loses nothing.
     #[must_use]
     pub fn snapped(&self) -> Self {
-        // A zero has no sign on the wire.
+        // The wire has no negative zero.
         let near = |value: f32, per_px: f32| (value * per_px).round() / per_px + 0.0;
         if self.pixels_per_cell() * f64::from(STEPS_PER_PX) < 50.0 {
             return *self;
@@ -71,7 +72,8 @@ impl CellGrid {
         }
     }
 
-    /// The short form: origin in quarter pixels and step in 1/256 pixels; `None` where they are no whole numbers.
+    /// The short form: origin in quarter pixels and step in 1/256 pixels; `None` if they are not
+    /// integers.
     pub(crate) fn short(&self) -> Option<[i32; 4]> {
         let whole = |value: f32, per_px: f32| {
             let scaled = value * per_px;
@@ -121,7 +123,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_snapped_grid_is_short_and_near(
+        fn a_snapped_grid_has_a_short_form_and_is_close(
             origin in prop::array::uniform2(-4000.0f32..9000.0),
             angle in -3.2f32..3.2,
             scale in 0.2f32..40.0,

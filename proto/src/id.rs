@@ -1,10 +1,10 @@
-//! Identities: persons, viewpoints, cameras, sessions.
+//! Identifiers of people, viewpoints, cameras and sessions.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// One tracked human. Stays the same for as long as the person is in the venue; counted from 1 in every
+/// One tracked human. It stays the same while the person is in the venue; ids start at 1 in every
 /// [`SessionId`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct PersonId(pub u32);
@@ -15,18 +15,17 @@ impl fmt::Display for PersonId {
     }
 }
 
-/// A viewpoint, as its position in the venue file. Both sides hold the same file: a difference is
-/// refused at start by its [`crate::venue::VenueHash`].
+/// A viewpoint, as its index in the venue file. Both sides have the same file: a different
+/// [`crate::venue::VenueHash`] is refused at start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct ViewpointIndex(pub u16);
 
-/// A camera, as its position among all cameras of the venue file, counted through the viewpoints
-/// in file order.
+/// A camera, as its index among all cameras of the venue file, in file order over the viewpoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct CameraIndex(pub u16);
 
-/// One run of the fusion node, from start to end. Person ids of different sessions are unrelated, so every message that
-/// names a person names the session too.
+/// One run of the fusion node, from start to end. Person ids of different sessions are unrelated,
+/// so every message with a person id also contains the session.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
 )]

@@ -69,12 +69,12 @@ impl Keys {
         format!("{}/decision", self.venue)
     }
 
-    /// What changed who is who at a tick.
+    /// Identity events of a tick.
     pub fn event(&self) -> String {
         format!("{}/event", self.venue)
     }
 
-    /// Who was taken for a subject of the venue at a tick.
+    /// Matches of people with the venue's subjects at a tick.
     pub fn naming(&self) -> String {
         format!("{}/naming", self.venue)
     }
@@ -110,8 +110,8 @@ impl Keys {
     }
 }
 
-/// Whether `name` can stand as one chunk of a key expression: not empty, at most 64 bytes, and
-/// only ASCII letters, digits, `-`, `_` and `.`.
+/// Whether `name` can be one chunk of a key expression: not empty, at most 64 bytes, and only ASCII
+/// letters, digits, `-`, `_` and `.`.
 pub fn is_key_chunk(name: &str) -> bool {
     let allowed = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'-' | b'_' | b'.');
     !name.is_empty() && name.len() <= 64 && name.bytes().all(allowed)
@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_that_would_change_the_key_are_not_chunks() {
+    fn names_with_special_characters_are_not_chunks() {
         for bad in ["", "a/b", "a*", "$x", "a b", "über", "q?"] {
             assert!(!is_key_chunk(bad), "{bad:?}");
         }
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_stand_under_the_venue() {
+    fn keys_start_with_the_venue() {
         let keys = Keys::new("hall-3");
         assert_eq!(keys.patch("ne"), "hall-3/patch/ne");
         assert_eq!(keys.sightings(), "hall-3/sighting/*");

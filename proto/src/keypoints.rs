@@ -1,4 +1,4 @@
-//! Which keypoints a network knows. Their number is never a constant of the wire.
+//! The keypoints of a network. Their number is never a constant of the wire.
 
 /// The 17 COCO keypoints, in COCO's order.
 pub const COCO17: [&str; 17] = [
@@ -45,7 +45,7 @@ impl KeypointSet {
         &self.names
     }
 
-    /// How many.
+    /// The number of keypoints.
     pub fn len(&self) -> usize {
         self.names.len()
     }
@@ -55,13 +55,13 @@ impl KeypointSet {
         self.names.is_empty()
     }
 
-    /// Position of `name`, if the network knows it.
+    /// Index of `name`, if the network has it.
     pub fn index_of(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|n| n == name)
     }
 
-    /// Whether the keypoint comes from the rotated crop when there is one: everything above the
-    /// hips. The legs come from the upright crop (paper, below eq. (4)).
+    /// Whether the keypoint comes from the rotated crop if there is one: everything above the hips.
+    /// The legs come from the upright crop (paper, below eq. (4)).
     pub fn is_upper(&self, index: usize) -> bool {
         const LOWER: [&str; 6] = ["hip", "knee", "ankle", "heel", "toe", "foot"];
         self.names

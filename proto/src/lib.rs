@@ -1,12 +1,13 @@
-//! What both sides of Farfield must agree on.
+//! The shared definitions of both sides of Farfield.
 //!
-//! Read [`message`] first: its types are everything that nodes send to each other, and name most of what else is here.
-//! [`wire`] is how they become bytes, [`key`] and [`transport`] under which names and settings these travel, [`patch`]
-//! the codec of the maps inside. [`frames`] and [`camera`] are the geometry, [`venue`], [`calibration`] and
-//! [`model_card`] the files of a venue, [`id`] and [`tick`] what everything is numbered by.
+//! Read [`message`] first: its types are everything that nodes send to each other. [`wire`]
+//! converts them to bytes, [`key`] and [`transport`] define keys and settings, and [`patch`] is the
+//! codec of the maps. [`frames`] and [`camera`] are the geometry. [`venue`], [`calibration`] and
+//! [`model_card`] are the files of a venue. [`id`] and [`tick`] are its identifiers.
 //!
-//! No file, no clock, no socket, no async: text in, values out; whoever opens files is `farfield-node` or the caller. A
-//! type that only one node uses lives in that node, not here.
+//! The crate uses no file, clock, socket or async code: functions take text or values and return
+//! values. `farfield-node` or the caller opens files. A type that only one node uses is defined in
+//! that node.
 
 pub mod bounding_box;
 pub mod calibration;

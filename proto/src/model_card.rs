@@ -1,4 +1,4 @@
-//! Model cards: what a network beside it expects and gives, as a TOML file.
+//! Model cards: TOML files that describe the input and output of a network in the same folder.
 
 mod read;
 
@@ -11,34 +11,34 @@ use self::read::{detector, heatmap, kind_of};
 use crate::keypoints::KeypointSet;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
-/// What kind of network a card describes, and how it is used.
+/// The two kinds of cards.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ModelCard {
     /// One person's crop in, part confidence maps out.
     Heatmap(HeatmapCard),
-    /// A picture in, persons' boxes out.
+    /// A picture in, boxes of people out.
     Detector(DetectorCard),
 }
 
-/// What a card is, for whoever has named another file in its place.
-pub const EXPECTED_CARD: &str = "the network's card, a TOML file beside it (docs/venue.md)";
+/// Description of a card for errors about other files.
+pub const EXPECTED_CARD: &str = "the network's card, a TOML file next to it (docs/venue.md)";
 
 /// Card of a keypoint network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeatmapCard {
     /// The ONNX file.
     pub file: PathBuf,
-    /// What goes in.
+    /// The input tensor.
     pub input: NetworkInput,
-    /// How pixels become numbers.
+    /// Conversion of pixels to numbers.
     pub normalize: Normalize,
-    /// What comes out.
+    /// The output tensor.
     pub output: HeatmapOutput,
-    /// Where cells lie in the input.
+    /// Position of cells in the input.
     pub cell_to_input: CellToInput,
-    /// The margin around the person that the network was trained with, as a factor on the box.
+    /// The margin around the person in the training of the network, as a factor on the box.
     pub box_margin: f64,
-    /// Where keypoints sit on the model, off their joints: metres in the link's axes, by name.
+    /// Keypoint sites relative to their joints: metres in the link's axes, by name.
     pub keypoint_offsets: BTreeMap<String, [f64; 3]>,
 }
 
@@ -47,13 +47,13 @@ pub struct HeatmapCard {
 pub struct DetectorCard {
     /// The ONNX file.
     pub file: PathBuf,
-    /// What goes in.
+    /// The input tensor.
     pub input: NetworkInput,
-    /// How pixels become numbers.
+    /// Conversion of pixels to numbers.
     pub normalize: Normalize,
-    /// What comes out.
+    /// The output tensor.
     pub output: DetectorOutput,
-    /// How the output is laid out.
+    /// The layout of the output.
     pub decode: Decode,
 }
 
@@ -68,9 +68,9 @@ pub struct NetworkInput {
     pub height: u32,
     /// Order of the colours.
     pub channels: Channels,
-    /// Where a picture of another aspect is put (detectors).
+    /// Placement of a picture with another aspect ratio (detectors).
     pub letterbox: Option<Letterbox>,
-    /// Value of the pixels around it (detectors).
+    /// Value of the padding (detectors).
     pub pad: Option<u8>,
 }
 
@@ -84,7 +84,7 @@ pub enum Channels {
     Bgr,
 }
 
-/// Where a picture lies in an input of another aspect.
+/// Placement of a picture in an input with another aspect ratio.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Letterbox {
@@ -100,7 +100,7 @@ pub enum Letterbox {
 pub struct Normalize {
     /// Factor on the pixel (0 to 255); dimensionless.
     pub scale: f32,
-    /// Subtracted then, per channel, in units of the scaled pixel.
+    /// Subtracted next, per channel, in units of the scaled pixel.
     pub mean: [f32; 3],
     /// Divided by last, per channel, in units of the scaled pixel.
     pub std: [f32; 3],
@@ -117,23 +117,23 @@ pub struct HeatmapOutput {
     pub height: u32,
     /// The maps' keypoints.
     pub keypoints: KeypointSet,
-    /// Sigma of the peaks that the network was trained to draw, cells; `None`: as usual, see
+    /// Sigma of the peaks in the training of the network, cells; `None`: the default, see
     /// [`Self::peak_sigma_of_width`].
     pub peak_sigma_cells: Option<f64>,
 }
 
-/// Sigma of a peak as a share of the width of the maps, where no card says it: 2 cells of 48, 3 of 72.
+/// Default sigma of a peak relative to the width of the maps: 2 cells of 48, 3 of 72.
 pub const PEAK_SIGMA_OF_WIDTH: f64 = 1.0 / 24.0;
 
 impl HeatmapOutput {
-    /// Sigma of the network's peaks, as a share of the width of its maps.
+    /// Sigma of the network's peaks relative to the width of its maps.
     pub fn peak_sigma_of_width(&self) -> f64 {
         let stated = self.peak_sigma_cells;
         stated.map_or(PEAK_SIGMA_OF_WIDTH, |sigma| sigma / f64::from(self.width))
     }
 }
 
-/// Where a cell lies in the input: input pixel = scale x cell + offset, both axes.
+/// Position of a cell in the input: input pixel = scale x cell + offset, both axes.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CellToInput {
@@ -143,13 +143,13 @@ pub struct CellToInput {
     pub offset: f64,
 }
 
-/// What a detector gives.
+/// The output of a detector.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DetectorOutput {
     /// Name of the tensor.
     pub name: String,
-    /// Which of its classes is a person.
+    /// Index of the class of people.
     pub person_class: usize,
 }
 
@@ -164,10 +164,10 @@ pub enum Decode {
 }
 
 impl ModelCard {
-    /// Reads the text of a card; `path` gives the folder of its ONNX file and is named in errors.
+    /// Parses the text of a card. `path` gives the folder of its ONNX file, and errors name it.
     ///
     /// # Errors
-    /// [`FileError`] naming line and field. Whether the ONNX file is there is not looked at.
+    /// [`FileError`] with line and field. The existence of the ONNX file is not checked.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
         let file = TomlFile::parse(text, path)?;
         let kind = kind_of(&file)?;
@@ -183,7 +183,7 @@ impl ModelCard {
 }
 
 impl HeatmapCard {
-    /// Reads the card of a keypoint network, as [`ModelCard::parse`] does.
+    /// Parses the card of a keypoint network, as [`ModelCard::parse`].
     ///
     /// # Errors
     /// As [`ModelCard::parse`], and when the card is of another kind.
@@ -196,7 +196,7 @@ impl HeatmapCard {
 }
 
 impl DetectorCard {
-    /// Reads the card of a detector, as [`ModelCard::parse`] does.
+    /// Parses the card of a detector, as [`ModelCard::parse`].
     ///
     /// # Errors
     /// As [`ModelCard::parse`], and when the card is of another kind.

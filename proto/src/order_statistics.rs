@@ -1,12 +1,12 @@
-//! Medians and percentiles: each definition once. They differ in which of two neighbours they take.
+//! Medians and percentiles, each definition once. They differ in the choice between two neighbours.
 
-/// Fewer values than this decide nothing, however large they are, where there are twice as many.
+/// At least this many values must support a result, if there are twice as many.
 pub const FEWEST_REACHING: usize = 5;
 
-/// The value that a `share` (0 to 1) of all `values` reaches, and at least [`FEWEST_REACHING`] of them, or half where they
-/// are few; `None` of nothing. What is no number does not count.
+/// The value that a `share` (0 to 1) of all `values` reaches, and at least [`FEWEST_REACHING`] of
+/// them (or half of few values). `None` without values. NaN is ignored.
 ///
-/// Scales, extents and clocks are taken from it: a largest value is decided by one outlier.
+/// Scales, extents and clocks use it, because a single outlier determines a maximum.
 pub fn reached_by(values: impl IntoIterator<Item = f64>, share: f64) -> Option<f64> {
     let mut values: Vec<f64> = values.into_iter().filter(|it| !it.is_nan()).collect();
     let reaching = ((share * values.len() as f64).ceil() as usize).max(FEWEST_REACHING);
@@ -15,38 +15,39 @@ pub fn reached_by(values: impl IntoIterator<Item = f64>, share: f64) -> Option<f
     Some(*reached)
 }
 
-/// The index among `count` sorted values of the one that a `share` (0 to 1) of all is not above: the nearest
-/// rank.
+/// The index among `count` sorted values of the smallest that a `share` (0 to 1) of all does not
+/// exceed: the nearest rank.
 pub fn nearest_rank(share: f64, count: usize) -> usize {
     (share * count as f64).ceil().max(1.0) as usize - 1
 }
 
-/// The value that a `share` (0 to 1) of `sorted` is not above, by nearest rank; `None` of nothing.
+/// The smallest value of `sorted` that a `share` (0 to 1) of all does not exceed, by nearest rank;
+/// `None` without values.
 pub fn percentile<T: Copy>(sorted: &[T], share: f64) -> Option<T> {
     sorted.get(nearest_rank(share, sorted.len())).copied()
 }
 
-/// The value that comes after a `share` (0 to 1) of `sorted`, or the last; `None` of nothing.
+/// The value after a `share` (0 to 1) of `sorted`, or the last; `None` without values.
 pub fn value_after<T: Copy>(sorted: &[T], share: f64) -> Option<T> {
     let after = (share * sorted.len() as f64) as usize;
     sorted.get(after).or(sorted.last()).copied()
 }
 
-/// The middle of `values`, of two the upper one; `None` of nothing.
+/// The median of `values`, of two the upper one; `None` without values.
 pub fn upper_median(mut values: Vec<f64>) -> Option<f64> {
     let middle = values.len() / 2;
     values.sort_by(f64::total_cmp);
     values.get(middle).copied()
 }
 
-/// The middle of `sorted`, of two their mean; `None` of nothing.
+/// The median of `sorted`, of two their mean; `None` without values.
 pub fn mean_median(sorted: &[f64]) -> Option<f64> {
     let low = sorted.get(sorted.len().saturating_sub(1) / 2)?;
     Some(low.midpoint(sorted[sorted.len() / 2]))
 }
 
-/// The value at which half of the weight lies below, interpolated between its neighbours, of (value, weight);
-/// `None` without weight.
+/// The value below which half of the weight lies, interpolated between its neighbours, from (value,
+/// weight) pairs; `None` without weight.
 ///
 /// ```text
 ///   value at c = W/2 of the polygon through (c_i, v_i),   c_i = sum of the weights before i + w_i/2
@@ -95,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_in_the_middle_a_median_takes_the_upper_one_or_their_mean() {
+    fn medians_of_even_counts_are_the_upper_value_or_the_mean() {
         assert_eq!(upper_median(vec![4.0, 1.0, 2.0, 3.0]), Some(3.0));
         assert_eq!(mean_median(&[1.0, 2.0, 3.0, 4.0]), Some(2.5));
         assert_eq!(upper_median(vec![3.0, 1.0, 2.0]), Some(2.0));
@@ -104,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_outliers_do_not_move_what_is_reached_by_many() {
+    fn a_few_outliers_do_not_change_reached_by() {
         let with = |outliers: &[f64]| {
             let usual = (0..100).map(|i| 0.01 * f64::from(i));
             reached_by(usual.chain(outliers.iter().copied()), 0.05).unwrap()
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn the_weighted_median_of_an_even_number_lies_in_the_middle() {
+    fn the_weighted_median_of_an_even_count_is_in_the_middle() {
         let m = weighted_median(vec![(1.0, 1.0), (2.0, 1.0), (10.0, 1.0), (3.0, 1.0)]).unwrap();
         assert!((m - 2.5).abs() < 1e-12);
         assert!(weighted_median(vec![(1.0, 0.0)]).is_none());
@@ -127,7 +128,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_weighted_median_lies_among_its_values_and_one_outlier_does_not_move_it_far(
+        fn the_weighted_median_is_robust_to_one_outlier(
             values in prop::collection::vec((1.0f64..2.0, 0.1f64..1.0), 5..20),
         ) {
             let mut votes = values.clone();

@@ -1,13 +1,13 @@
-//! What people may be called: by operators on the page, in edits, in profiles and in venue files.
+//! Names of people: from operators on the page, in edits, in profiles and in venue files.
 
 use crate::plain_text::is_plain;
 
-/// Most characters of a name.
+/// Longest name, characters.
 pub const MOST_NAME_CHARACTERS: usize = 64;
-/// Why nobody can be called `name` from now on, if nobody can. An empty name is no fault here: it takes a name away.
+/// Checks a new name. An empty name is valid: it removes a name.
 ///
 /// # Errors
-/// What was found and what is expected.
+/// The found and expected text.
 pub fn check_name(name: &str) -> Result<(), String> {
     check_stored_name(name)?;
     if !name.chars().all(is_plain) {
@@ -18,10 +18,10 @@ pub fn check_name(name: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// The same of a name in a file: older programs of ours wrote more.
+/// Checks a name in a file: older programs of ours allowed more.
 ///
 /// # Errors
-/// What was found and what is expected.
+/// The found and expected text.
 pub fn check_stored_name(name: &str) -> Result<(), String> {
     let n = name.chars().count();
     if n > MOST_NAME_CHARACTERS {

@@ -1,17 +1,19 @@
-//! Text that others wrote: nodes, files, programs, devices. Here it becomes safe to show and to name a file after.
+//! Makes foreign text (of nodes, files, programs, devices) safe to print and to use in file names.
 //!
-//! A terminal obeys control characters, a line feed begins a line that looks like one of ours, and marks of direction
-//! show a text as another. All of these are written out as JSON writes them (`\n`, `\u202e`), so that JSON stays JSON.
-//! Passwords in URLs are masked: programs repeat the URL that they were given.
+//! A terminal obeys control characters, a line feed starts a line that looks like one of ours, and
+//! direction marks display a text as another. All of these are escaped as in JSON (`\n`, `\u202e`),
+//! so that JSON stays JSON. Passwords in URLs are masked, because programs print the URLs that they
+//! receive.
 
 use std::fmt::Write as _;
 
-/// What stands in the place of a user's name and password.
+/// Replaces a user's name and password.
 const MASK: char = '…';
-/// What no system takes in the name of a file, and `%`, which marks what was replaced.
+/// Characters that some system forbids in file names, and `%`, which marks a replacement.
 const NOT_IN_FILE_NAMES: &str = "/\\:*?\"<>|%";
 
-/// Whether `c` shows as itself: it commands no terminal, ends no line, and neither turns nor hides the text around it.
+/// Whether `c` is displayed as itself: it does not control a terminal, end a line, change the
+/// direction or hide text.
 pub fn is_plain(c: char) -> bool {
     let is_hidden = matches!(
         c,
@@ -20,12 +22,12 @@ pub fn is_plain(c: char) -> bool {
     !(c.is_control() || is_hidden)
 }
 
-/// `text` of others as part of one line.
+/// Foreign `text` as part of one line.
 pub fn one_line(text: &str) -> String {
     written_out(text, is_plain)
 }
 
-/// A text of ours, of any number of lines, in which text of others may stand.
+/// Our own text of any number of lines, which may contain foreign text.
 pub fn lines(text: &str) -> String {
     written_out(text, |c| is_plain(c) || matches!(c, '\n' | '\t'))
 }
@@ -47,7 +49,7 @@ pub fn without_passwords(text: &str) -> String {
     masked + rest
 }
 
-/// A file's name, or the beginning of one, that is called after `name`: it cannot leave its folder, and no other name
+/// A file name, or the start of one, for `name`: it cannot leave its folder, and no other name
 /// gives the same.
 pub fn file_stem(name: &str) -> String {
     let mut stem = String::with_capacity(name.len());
@@ -86,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_of_others_commands_no_terminal_and_begins_no_line() {
+    fn foreign_text_controls_no_terminal_and_starts_no_line() {
         let bad = "\u{1b}[2Ja\r\nfusion: all is well\u{202e}b\u{85}\u{9b}31m\u{2028}\u{feff}";
         assert_eq!(
             one_line(bad),
@@ -114,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_called_after_a_name_stays_in_its_folder() {
+    fn a_file_named_after_a_person_stays_in_its_folder() {
         assert_eq!(file_stem("cam-1.left é"), "cam-1.left é");
         assert_eq!(file_stem("../a"), "%2E.%2Fa");
         assert_eq!(file_stem("a/b\u{1b}"), "a%2Fb%1B");
@@ -123,13 +125,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_but_plain_text_is_left(text in any::<String>()) {
+        fn only_plain_text_remains(text in any::<String>()) {
             prop_assert!(one_line(&text).chars().all(is_plain));
             prop_assert!(lines(&text).chars().all(|c| is_plain(c) || c == '\n' || c == '\t'));
         }
 
         #[test]
-        fn names_that_differ_give_files_that_differ(a in "[a%/.\u{1b}]{0,4}", b in "[a%/.\u{1b}]{0,4}") {
+        fn different_names_give_different_files(a in "[a%/.\u{1b}]{0,4}", b in "[a%/.\u{1b}]{0,4}") {
             prop_assert_eq!(file_stem(&a) == file_stem(&b), a == b);
             prop_assert!(!file_stem(&a).contains('/') && !file_stem(&a).starts_with('.'));
         }

@@ -1,6 +1,6 @@
-//! Numbers as text for people: what rounds to zero has no minus.
+//! Numbers as text for people; a value that rounds to zero has no minus sign.
 
-/// `value` with so many decimals.
+/// `value` with this number of decimals.
 pub fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
@@ -9,7 +9,7 @@ pub fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// The same with its sign; zero has a plus.
+/// As [`fixed`], with a sign; zero has a plus.
 pub fn signed(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
     if text.starts_with('-') || !value.is_finite() {
@@ -28,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_rounds_to_zero_has_no_minus() {
+    fn values_that_round_to_zero_have_no_minus() {
         for (value, expected) in [
             (-0.04, ["0.0", "+0.0"]),
             (-0.0, ["0.0", "+0.0"]),

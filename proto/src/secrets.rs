@@ -1,10 +1,11 @@
-//! What of a camera's address nobody may read: it stays where the camera is opened, whatever ffmpeg writes, and in no recording.
+//! The secret parts of a camera's address. They stay in the process that opens the camera, whatever
+//! ffmpeg prints, and are in no recording.
 
 use std::borrow::Cow;
 
-/// What stands in its place.
+/// Replaces a secret.
 const MASK: &str = "…";
-/// Names of an address's parameters whose values are secret hold one of these.
+/// Names of address parameters with secret values contain one of these.
 const SECRET_NAMES: [&str; 7] = ["pass", "pwd", "psw", "token", "key", "secret", "auth"];
 
 /// The secrets of one address.
@@ -12,7 +13,8 @@ const SECRET_NAMES: [&str; 7] = ["pass", "pwd", "psw", "token", "key", "secret",
 pub struct Secrets(Vec<String>);
 
 impl Secrets {
-    /// Of an address as `rtsp://user:password@host/path?token=...`; anything else has none.
+    /// The secrets of an address such as `rtsp://user:password@host/path?token=...`; other text has
+    /// none.
     pub fn of(url: &str) -> Self {
         let Some((_, rest)) = url.split_once("://") else {
             return Self::default();
@@ -34,12 +36,12 @@ impl Secrets {
         let mut all: Vec<String> = decoded.collect();
         all.extend(secrets.into_iter().map(str::to_owned));
         all.retain(|secret| !secret.is_empty());
-        // One may be the beginning of another.
+        // One secret may be the start of another.
         all.sort_by_key(|secret| std::cmp::Reverse(secret.len()));
         Self(all)
     }
 
-    /// `text` without them.
+    /// `text` without the secrets.
     pub fn mask<'a>(&self, text: &'a str) -> Cow<'a, str> {
         self.0.iter().fold(Cow::Borrowed(text), |text, secret| {
             if text.contains(secret.as_str()) {
@@ -51,14 +53,15 @@ impl Secrets {
     }
 }
 
-/// The password in `user:password@host/path`. One with `/`, `?` or `#` ends an address for ffmpeg, which then says it as a port.
+/// The password in `user:password@host/path`. For ffmpeg, `/`, `?` or `#` in a password end the
+/// address, and it prints the rest as a port.
 fn password(rest: &str) -> Option<&str> {
     let host = rest.split(['/', '?', '#']).next().unwrap_or(rest);
     let user_info = if let Some((user_info, _)) = host.rsplit_once('@') {
         user_info
     } else {
         let (_, port) = host.split_once(':')?;
-        // A port, or an address of IPv6.
+        // A port, or an IPv6 address.
         if host.starts_with('[') || port.bytes().all(|byte| byte.is_ascii_digit()) {
             return None;
         }
@@ -67,7 +70,7 @@ fn password(rest: &str) -> Option<&str> {
     user_info.split_once(':').map(|(_, password)| password)
 }
 
-/// `text` with each `%20` as the byte it stands for; `None` where that changes nothing, or is no text.
+/// `text` with each percent escape decoded; `None` if that changes nothing or is not text.
 fn percent_decoded(text: &str) -> Option<String> {
     let mut parts = text.split('%');
     let mut bytes = parts.next()?.as_bytes().to_vec();
@@ -90,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_secret_of_an_address_is_in_no_text_however_it_is_written() {
+    fn secrets_are_masked_in_every_encoding() {
         let url = "rtsp://admin:p%40ss-1@cam.local:554/1?channel=2&token=t0ken&User_Pwd=xyz";
         let text = "p%40ss-1 p@ss-1 t0ken xyz cam.local channel=2 admin";
         assert_eq!(masked(url, text), "… … … … cam.local channel=2 admin");
@@ -101,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn a_password_with_signs_that_addresses_have_is_found() {
+    fn a_password_with_special_characters_is_recognised() {
         assert_eq!(masked("rtsp://me:p@ss@cam/1", "p@ss"), "…");
         assert_eq!(
             masked("rtsp://me:p/ss@cam/1", "port p/ss of me"),
@@ -112,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_without_secrets_changes_no_text() {
+    fn an_address_without_secrets_masks_nothing() {
         for url in [
             "rtsp://cam.local:554/a@b",
             "rtsp://[fe80::1]/a@b",

@@ -1,7 +1,7 @@
-//! A person's body in a file of its own, as a run came to know it: what `farfield people ... save` writes, and what exports and
-//! fusion read.
+//! A person's body in a file, as measured in a run: `farfield people ... save` writes it; exports
+//! and fusion read it.
 //!
-//! Here links are text: which joints there are is known to who has the model, and handed in.
+//! Links are text here; the caller, who knows the model, passes the names of the joints.
 
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -13,28 +13,29 @@ use serde::Deserialize;
 use crate::person_name::check_name;
 use crate::toml_file::{FileError, Place, TomlFile};
 
-/// Links longer than this are none of a person, metres; nor do lengths of one link differ by more.
+/// Longest link of a person, metres; also the largest standard deviation.
 const LONGEST_M: f64 = 2.0;
-/// Statures that people have, metres.
+/// Plausible statures, metres.
 const STATURES_M: RangeInclusive<f64> = 0.4..=2.8;
 
-/// A person who is known, with the body.
+/// A known person with the body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SubjectProfile {
-    /// What the person is called.
+    /// Name of the person.
     pub name: String,
-    /// From the soles to the top of the head, of somebody who stands upright, metres.
+    /// Height of an upright person from the soles to the top of the head, metres.
     pub stature_m: f64,
-    /// By the joint that ends it: every link of the model.
+    /// Every link of the model, by the joint at its end.
     pub links: BTreeMap<String, SubjectLink>,
 }
 
 /// A link of a known body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SubjectLink {
-    /// Where its joint lies from the parent joint, metres: x forward, y left, z up of who stands upright with hanging arms.
+    /// Position of its joint relative to the parent joint, metres: x forward, y left, z up, for an
+    /// upright person with hanging arms.
     pub offset_m: Vector3<f64>,
-    /// One standard deviation of each axis over the ticks of the run that measured it, metres.
+    /// One standard deviation per axis over the ticks of the measuring run, metres.
     pub sigma_m: f64,
 }
 
@@ -51,13 +52,13 @@ struct Fields {
 #[expect(clippy::struct_field_names, reason = "the names are those of the file")]
 struct LinkFields {
     offset_m: [f64; 3],
-    /// For people: it follows from the offset.
+    /// For people; it follows from the offset.
     length_m: f64,
     sigma_m: f64,
 }
 
 impl LinkFields {
-    /// The field that no link of a person has, and what was found and expected.
+    /// An impossible field, with the found and expected value.
     fn check(&self) -> Result<(), (&'static str, String)> {
         let is_length = |length_m: f64| length_m > 0.0 && length_m <= LONGEST_M;
         let expected = format!("expected a length above 0 and up to {LONGEST_M} m");
@@ -79,14 +80,15 @@ impl LinkFields {
 }
 
 impl SubjectProfile {
-    /// The profile of `text`, the content of `path`, whose links end in `joints`: each once, and no other.
+    /// The profile in `text`, the content of `path`. Its links must end in `joints`: each once, and
+    /// no other.
     ///
     /// # Errors
-    /// The line and the field, what was found and expected.
+    /// Line and field, found and expected value.
     pub fn parse(text: &str, path: &Path, joints: &[&str]) -> Result<Self, FileError> {
         let file = TomlFile::parse(text, path)?;
         let fields: Fields = file.read()?;
-        check_called(&file, &Place::field("name"), &fields.name)?;
+        check_required_name(&file, &Place::field("name"), &fields.name)?;
         check_stature(&file, &Place::field("stature_m"), fields.stature_m)?;
         let all = Place::field("link");
         let is_unknown = |name: &&String| !joints.contains(&name.as_str());
@@ -115,8 +117,8 @@ impl SubjectProfile {
     }
 }
 
-/// Refuses what nobody can be called, and no name at all.
-pub(crate) fn check_called(
+/// Refuses an invalid name, or none.
+pub(crate) fn check_required_name(
     file: &TomlFile<'_>,
     place: &Place,
     name: &str,
@@ -128,7 +130,7 @@ pub(crate) fn check_called(
     check_name(name).map_err(|problem| file.error(place, problem))
 }
 
-/// Refuses a stature that nobody has.
+/// Refuses an implausible stature.
 pub(crate) fn check_stature(
     file: &TomlFile<'_>,
     place: &Place,

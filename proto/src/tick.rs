@@ -1,4 +1,5 @@
-//! The venue's frame number, the only clock of the algorithm; and microseconds, the unit of all other clocks.
+//! The venue's frame number, which is the only clock of the algorithm; and microseconds, the unit
+//! of all other clocks.
 
 use std::fmt;
 use std::ops::{Add, Range, Sub};
@@ -41,16 +42,16 @@ impl fmt::Display for Tick {
     }
 }
 
-/// Microseconds: an instant of a clock (since 1970 for wall clocks), or a span between two.
+/// Microseconds: a time of a clock (since 1970 for wall clocks), or a duration.
 pub type Micros = i64;
 
 /// Microseconds of a second.
 pub const SECOND_US: Micros = 1_000_000;
 
-/// Reads a half-open range of ticks, `A..B`.
+/// Parses a half-open range of ticks, `A..B`.
 ///
 /// # Errors
-/// A message for the operator when the text is not of that form or the range is empty.
+/// A message for the operator when the text does not have that form or the range is empty.
 pub fn parse_range(text: &str) -> Result<Range<Tick>, String> {
     let wrong = || format!("found {text:?}, expected A..B with A below B, for example 300..900");
     let (from, to) = text.split_once("..").ok_or_else(wrong)?;

@@ -1,23 +1,23 @@
-//! The text of a file that a user calls a calibration, and what a file is that has none.
+//! The text of a user's calibration file, and the kind of a file without text.
 
 use std::path::Path;
 
 use crate::toml_file::FileError;
 
-/// The formats that `farfield calibrate convert` and `farfield import` read; all of them are text.
+/// The formats that `farfield calibrate convert` and `farfield import` read; all are text.
 pub const FORMATS_READ: &str = "farfield (TOML of aniposelib and Pose2Sim), freemocap, caliscope, opencv-yaml, opencv-json, \
      qualisys, theia, easymocap, vicon, colmap, kalibr";
 
-/// What a file is, and how its cameras become text.
+/// The kind of a file, and how to convert its cameras to text.
 struct Kind {
     /// With its article: "a Python pickle".
     what: &'static str,
     export: Export,
 }
 
-/// How cameras come out of a file.
+/// How to export cameras from a file.
 enum Export {
-    /// Statements of Python that write them as JSON, `IN` and `OUT` standing for the files.
+    /// Python statements that write them as JSON; `IN` and `OUT` stand for the files.
     Python(&'static str),
     /// A sentence.
     Words(&'static str),
@@ -60,10 +60,11 @@ const MAT: Kind = Kind {
     ),
 };
 
-/// The text of a file: UTF-8, UTF-16 with its mark, or Latin-1.
+/// The text of a file: UTF-8, UTF-16 with byte order mark, or Latin-1.
 ///
 /// # Errors
-/// [`FileError`] saying what the file is, by its content, how its cameras become text, and which formats are read.
+/// [`FileError`] with the kind of the file by its content, how to convert its cameras to text, and
+/// the supported formats.
 pub fn text_of(bytes: Vec<u8>, path: &Path) -> Result<String, FileError> {
     let found = match String::from_utf8(bytes) {
         Ok(text) if is_ascii_pickle(&text) => Err(PICKLE),
@@ -84,7 +85,7 @@ fn is_ascii_pickle(text: &str) -> bool {
         .any(|begin| text.starts_with(begin))
 }
 
-/// Text of other encodings; `None` where the bytes are no text.
+/// Text in other encodings; `None` if the bytes are not text.
 fn utf_16_or_latin_1(bytes: &[u8]) -> Option<String> {
     let units = |read: fn([u8; 2]) -> u16| -> Vec<u16> {
         let pairs = bytes.chunks_exact(2).skip(1);
@@ -102,7 +103,7 @@ fn utf_16_or_latin_1(bytes: &[u8]) -> Option<String> {
     }
 }
 
-/// What binary content is, by its first bytes.
+/// The kind of binary content, by its first bytes.
 fn kind_of(bytes: &[u8]) -> Kind {
     let named = |what, export| Kind { what, export };
     let has = |part: &[u8]| bytes.windows(part.len()).any(|window| window == part);
@@ -241,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn text_of_other_encodings_is_text() {
+    fn other_text_encodings_are_accepted() {
         let path = Path::new("a.xml");
         let text = "<name>Süd</name>\n";
         let latin: Vec<u8> = text.chars().map(|c| c as u8).collect();

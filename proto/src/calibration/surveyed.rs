@@ -1,16 +1,16 @@
-//! Cameras in surveyed coordinates: right in every way, and too far from the origin to compute with.
+//! Cameras in surveyed coordinates: correct, but too far from the origin for precise computation.
 
 use nalgebra::Vector3;
 
 use super::MAX_DISTANCE_M;
 
-/// Farther from its origin is no coordinate on Earth, metres.
+/// Largest distance from the origin of coordinates on Earth, metres.
 const FARTHEST_M: f64 = 2e7;
-/// To so much a place is rounded, metres: it is easily added again.
+/// Rounding of the reported place, metres, so that it is easily added again.
 const ROUNDED_M: f64 = 10.0;
 
-/// Where cameras stand that are together and far away: "about (500000, 5000000, 120)"; `None` where they are scattered so that
-/// their unit is another, or their numbers are none.
+/// The rounded common place of distant cameras, for example (500000, 5000000, 120). `None` if they
+/// are scattered, which indicates another unit, or if a number is not finite.
 pub(super) fn place(centers_m: &[Vector3<f64>]) -> Option<[f64; 3]> {
     let mean_m = centers_m.iter().sum::<Vector3<f64>>() / centers_m.len() as f64;
     let is_together = centers_m
@@ -20,7 +20,7 @@ pub(super) fn place(centers_m: &[Vector3<f64>]) -> Option<[f64; 3]> {
     is_place.then(|| mean_m.map(|it| (it / ROUNDED_M).round() * ROUNDED_M).into())
 }
 
-/// Why cameras at `place` are refused, and what helps.
+/// The error for cameras at `place`, with the remedy.
 pub(super) fn refusal([x, y, z]: [f64; 3]) -> String {
     format!(
         "the cameras stand at about ({x:.0}, {y:.0}, {z:.0}) m: these are surveyed coordinates (UTM, say), too far from the origin \

@@ -1,4 +1,4 @@
-//! Calibration files of both flavours, and what is said of wrong ones.
+//! Calibration files of both formats, and the errors of invalid ones.
 
 use super::*;
 
@@ -16,7 +16,7 @@ fn parse(text: &str) -> Result<Calibration, FileError> {
     Calibration::parse(text, Path::new("cal.toml"))
 }
 
-/// What is said about the camera with one line changed.
+/// The error for the camera with one line changed.
 fn refusal(from: &str, to: &str) -> String {
     assert!(CAMERA.contains(from));
     parse(&format!("[one]{}", CAMERA.replace(from, to)))
@@ -57,7 +57,7 @@ fn both_tables_of_caliscope_are_read() {
 }
 
 #[test]
-fn what_is_wrong_is_named_with_table_field_and_line() {
+fn errors_name_table_field_and_line() {
     assert_eq!(
         refusal("fisheye = false", "fisheye = true"),
         "cal.toml:5: `one.distortions`: found 5 values, expected 4 of a fisheye lens: k1, k2, k3, k4 of OpenCV's \
@@ -85,13 +85,13 @@ fn what_is_wrong_is_named_with_table_field_and_line() {
 }
 
 #[test]
-fn a_rotation_in_degrees_is_refused_and_one_of_more_than_half_a_turn_remembered() {
-    let said = refusal("[1.2, -0.3, 0.4]", "[96.7, 3.0, 0.4]");
+fn a_rotation_in_degrees_is_refused_and_long_ones_are_recorded() {
+    let message = refusal("[1.2, -0.3, 0.4]", "[96.7, 3.0, 0.4]");
     assert!(
-        said.starts_with(
+        message.starts_with(
             "cal.toml:6: `one.rotation`: found a vector of length 96.7, expected radians"
         ),
-        "{said}"
+        "{message}"
     );
     let long = CAMERA.replace("[1.2, -0.3, 0.4]", "[0.0, 4.0, 3.0]");
     let calibration = parse(&format!("[one]{long}")).unwrap();
@@ -151,8 +151,8 @@ fn cameras_in_millimetres_are_refused() {
 }
 
 #[test]
-fn numbers_beyond_belief_are_refused_where_they_stand() {
-    for (from, to, said) in [
+fn implausible_numbers_are_refused_with_their_field() {
+    for (from, to, expected) in [
         (
             "[900.0, 0.0, 640.0]",
             "[1e300, 0.0, 640.0]",
@@ -174,12 +174,12 @@ fn numbers_beyond_belief_are_refused_where_they_stand() {
             "7: `one.translation`: camera `a`: found [0.5, 1e300, 3.0], expected metres from -100000 to 100000",
         ),
     ] {
-        assert_eq!(refusal(from, to), format!("cal.toml:{said}"));
+        assert_eq!(refusal(from, to), format!("cal.toml:{expected}"));
     }
 }
 
 #[test]
-fn the_same_name_twice_and_no_camera_at_all_are_refused() {
+fn duplicate_names_and_empty_files_are_refused() {
     let twice = parse(&format!("[one]{CAMERA}[two]{CAMERA}"))
         .unwrap_err()
         .to_string();
@@ -224,8 +224,8 @@ fn a_fisheye_of_caliscope_is_read() {
 }
 
 #[test]
-fn a_fisheye_that_folds_within_the_part_that_is_used_is_refused() {
-    // Its radius is largest at 33 degrees; the corners of the picture are further out.
+fn a_fisheye_that_folds_in_its_used_part_is_refused() {
+    // Its drawn radius is largest at 33 degrees; the corners of the picture are beyond it.
     let refused = with_lens("[-1.0, 0.0, 0.0, 0.0]").unwrap_err().to_string();
     assert!(
         refused.starts_with(
@@ -233,12 +233,12 @@ fn a_fisheye_that_folds_within_the_part_that_is_used_is_refused() {
         ),
         "{refused}"
     );
-    // Largest at 66 degrees: beyond what is used.
+    // Largest at 66 degrees, beyond the used part.
     with_lens("[-0.25, 0.0, 0.0, 0.0]").unwrap();
 }
 
 #[test]
-fn what_is_no_toml_is_taken_for_the_file_of_another_program() {
+fn a_file_that_is_not_toml_gets_the_hint_to_convert_it() {
     let refused = |name: &str| {
         let parsed = Calibration::parse("%YAML:1.0\nnames: []\n", Path::new(name));
         parsed.unwrap_err().to_string()
@@ -247,7 +247,7 @@ fn what_is_no_toml_is_taken_for_the_file_of_another_program() {
     assert!(!refused("hall.toml").contains("convert"));
 }
 
-/// [`CAMERA`] at `center_m` under the name `name`.
+/// [`CAMERA`] at `center_m` with the name `name`.
 fn camera_at(name: &str, center_m: [f64; 3]) -> String {
     let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(1.2, -0.3, 0.4));
     let translation = -(rotation * Vector3::from(center_m));
@@ -258,25 +258,25 @@ fn camera_at(name: &str, center_m: [f64; 3]) -> String {
 }
 
 #[test]
-fn surveyed_coordinates_are_refused_by_where_the_cameras_stand_and_what_to_subtract() {
+fn surveyed_coordinates_are_refused_with_the_offset_to_subtract() {
     let surveyed = camera_at("a", [500_003.0, 5_000_004.0, 122.0])
         + &camera_at("b", [499_996.0, 4_999_997.0, 122.0]);
-    let said = parse(&surveyed).unwrap_err().to_string();
+    let message = parse(&surveyed).unwrap_err().to_string();
     assert!(
-        said.starts_with(
+        message.starts_with(
             "cal.toml:7: `a.translation`: the cameras stand at about (500000, 5000000, 120) m"
         ),
-        "{said}"
+        "{message}"
     );
     assert!(
-        said.contains("`farfield calibrate convert FILE --origin 500000,5000000,120 --out DIR`"),
-        "{said}"
+        message.contains("`farfield calibrate convert FILE --origin 500000,5000000,120 --out DIR`"),
+        "{message}"
     );
-    // Scattered cameras are in another unit.
+    // Scattered cameras have another unit.
     let scattered = camera_at("a", [500_003.0, 0.0, 0.0]) + &camera_at("b", [0.0, 400_000.0, 0.0]);
-    let said = parse(&scattered).unwrap_err().to_string();
+    let message = parse(&scattered).unwrap_err().to_string();
     assert!(
-        said.contains("expected metres from -100000 to 100000"),
-        "{said}"
+        message.contains("expected metres from -100000 to 100000"),
+        "{message}"
     );
 }

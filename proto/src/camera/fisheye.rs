@@ -1,16 +1,18 @@
-//! OpenCV's fisheye lens (Kannala and Brandt 2006), and how far off its axis it is used.
+//! OpenCV's fisheye lens (Kannala and Brandt 2006), and the used part of its view.
 //!
-//! With theta the angle between a line of sight and the optical axis and r = tan(theta) the radius at which an ideal
-//! pinhole draws it, all in focal lengths, the lens draws it in the same direction at the radius
+//! Theta is the angle between a line of sight and the optical axis. An ideal pinhole draws the line
+//! at the radius r = tan(theta), in focal lengths. The lens draws it in the same direction at the
+//! radius
 //!
 //! ```text
 //!   theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)
 //! ```
 //!
-//! Source: OpenCV's documentation of `calib3d`, fisheye model. A fisheye may see more than a half-space, an ideal pinhole
-//! does not: r grows without end towards 90 degrees. All that is computed from a picture is computed in pixels of the
-//! pinhole, so that only the part of the view up to [`FISHEYE_HALF_VIEW_RAD`] off the axis is used. There a pixel of the
-//! picture covers four of the pinhole along the radius and two across it; further out crops would be made of very few pixels.
+//! Source: OpenCV's documentation of `calib3d`, fisheye model. A fisheye may see more than a
+//! half-space, but an ideal pinhole cannot: r grows without bound towards 90 degrees. All
+//! computations use pixels of the pinhole, so only the view up to [`FISHEYE_HALF_VIEW_RAD`] off the
+//! axis is used. There a pixel of the picture covers four pinhole pixels along the radius and two
+//! across it. Farther out, crops would contain very few pixels.
 
 use std::f64::consts::{FRAC_PI_3, PI};
 
@@ -18,19 +20,19 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::rational::MIN_STRETCH;
 
-/// How far off its axis a fisheye is used, radians: 60 degrees, so 120 degrees of view.
+/// The used part of a fisheye's view, radians off its axis: 60 degrees, so 120 degrees of view.
 pub const FISHEYE_HALF_VIEW_RAD: f64 = FRAC_PI_3;
 
-/// How far off its axis a fisheye is drawn and undone at all, radians (80 degrees).
+/// The drawn part of a fisheye's view, radians off its axis (80 degrees).
 pub(super) const DRAWN_HALF_VIEW_RAD: f64 = 80.0 * PI / 180.0;
 
 /// Below this radius theta / r is 1 to the last bit.
 const AXIS_RADIUS: f64 = 1e-8;
 
-/// Angles at which the model is asked whether it is monotonic, radians.
+/// Step of the angles at which the model is tested for monotonicity, radians.
 const STEP_RAD: f64 = 1e-3;
 
-/// The radius that is drawn at the angle `theta`, and its derivative.
+/// The drawn radius at the angle `theta`, and its derivative.
 fn drawn_radius(k: &[f64; 4], theta: f64) -> (f64, f64) {
     let [k1, k2, k3, k4] = *k;
     let t2 = theta * theta;
@@ -48,7 +50,7 @@ pub(super) fn draw(k: &[f64; 4], p: Vector2<f64>) -> Vector2<f64> {
     p * (drawn_radius(k, libm::atan(r)).0 / r)
 }
 
-/// The drawn position of normalised (x, y), and the Jacobian there; it is symmetric.
+/// The drawn position of normalised (x, y), and its Jacobian, which is symmetric.
 pub(super) fn apply(k: &[f64; 4], p: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
     let r = p.norm();
     if r < AXIS_RADIUS {
@@ -61,7 +63,8 @@ pub(super) fn apply(k: &[f64; 4], p: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64
     (p * across, jacobian)
 }
 
-/// The radius (tangent of the angle to the axis) up to which the model is monotonic; not beyond what is drawn at all.
+/// The radius (tangent of the angle to the axis) up to which the model is monotonic, limited to the
+/// drawn part.
 pub(super) fn monotonic_radius(k: &[f64; 4]) -> f64 {
     let is_regular = |theta: f64| {
         let (drawn, slope) = drawn_radius(k, theta);
@@ -78,7 +81,8 @@ pub(super) fn monotonic_radius(k: &[f64; 4]) -> f64 {
     libm::tan(DRAWN_HALF_VIEW_RAD)
 }
 
-/// The point within `most_radius` that is drawn at `target`, with a residual of at most `tolerance`.
+/// The point within `most_radius` that is drawn at `target`, with a residual of at most
+/// `tolerance`.
 pub(super) fn undo(
     k: &[f64; 4],
     target: Vector2<f64>,
@@ -90,8 +94,8 @@ pub(super) fn undo(
     if wanted < AXIS_RADIUS {
         return Some(target);
     }
-    // The drawn radius rises from 0 to that of the rim: what lies between is narrowed down, by Newton's steps where these
-    // stay inside.
+    // The drawn radius rises from 0 to that of the rim. The interval is narrowed by Newton steps
+    // that stay inside it.
     let (mut low, mut high) = (0.0, libm::atan(most_radius));
     let mut theta = wanted.min(high);
     for _ in 0..MOST_STEPS {
@@ -123,7 +127,7 @@ mod tests {
 
     use super::*;
 
-    /// Coefficients as fits give them, and stronger ones.
+    /// Coefficients of typical fits, and stronger ones.
     fn any_lens() -> impl Strategy<Value = [f64; 4]> {
         prop::array::uniform4(-0.15f64..0.15)
     }
@@ -155,17 +159,17 @@ mod tests {
         }
 
         #[test]
-        fn what_is_drawn_comes_back(k in any_lens(), share in 0.0f64..1.0, angle in 0.0f64..7.0) {
+        fn drawn_points_are_recovered(k in any_lens(), share in 0.0f64..1.0, angle in 0.0f64..7.0) {
             let most = monotonic_radius(&k);
             let p = at(share * most, angle);
             let back = undo(&k, draw(&k, p), most, 1e-13);
-            // An angle that is right to a rounding is a radius that is right to as many as the lens squeezes it.
+            // An angle with one rounding error gives a radius with as many as the lens squeezes it.
             let tolerance = 1e-14 * (1.0 + p.norm_squared()) / MIN_STRETCH.max(drawn_radius(&k, libm::atan(p.norm())).1);
             prop_assert!(back.is_some_and(|b| (b - p).norm() < tolerance.max(1e-13)), "{p} {back:?}");
         }
 
         #[test]
-        fn what_is_drawn_beyond_the_rim_does_not_come_back(k in any_lens(), angle in 0.0f64..7.0) {
+        fn points_drawn_beyond_the_rim_are_not_recovered(k in any_lens(), angle in 0.0f64..7.0) {
             let most = monotonic_radius(&k).min(1.5);
             let rim = draw(&k, at(most, angle));
             prop_assert_eq!(undo(&k, rim * 1.001, most, 1e-13), None);

@@ -1,14 +1,15 @@
-//! A camera with a fisheye: it draws as OpenCV does, is its own inverse, and is used up to 60 degrees off its axis.
+//! A camera with a fisheye: it agrees with OpenCV, is its own inverse, and is used up to 60 degrees
+//! off its axis.
 
 use nalgebra::{Isometry3, Vector3};
 use proptest::prelude::*;
 
 use super::*;
 
-/// What both ways through a lens may lose, pixels.
+/// Allowed error of a distortion and its inverse, pixels.
 const INVERSE_PX: f64 = 1e-9;
 
-/// Rounding of numbers that were printed with 16 digits, and of OpenCV's last step, pixels.
+/// Rounding of printed numbers with 16 digits, and of OpenCV's last step, pixels.
 const GOLDEN_PX: f64 = 1e-9;
 
 const LENS: [f64; 4] = [-0.021, 0.0065, -0.0031, 0.000_42];
@@ -37,10 +38,11 @@ fn off_axis(camera: &CameraModel, angle_deg: f64) -> Pixel<Undistorted> {
     )
 }
 
-/// Made by OpenCV 5.0.0 (`opencv-python-headless`): `cv2.fisheye.projectPoints` of these points with this camera and the
-/// Rodrigues vector and translation below; the fifth lies 63.6 degrees off the axis.
+/// Made by OpenCV 5.0.0 (`opencv-python-headless`): `cv2.fisheye.projectPoints` of these points
+/// with this camera and the Rodrigues vector and translation below. The fifth point is 63.6 degrees
+/// off the axis.
 #[test]
-fn a_fisheye_draws_as_opencv_draws() {
+fn a_fisheye_distorts_as_in_opencv() {
     let motion = Isometry3::new(
         Vector3::new(0.4, -0.3, 2.5),
         Vector3::new(0.31, -0.42, 0.17),
@@ -83,7 +85,7 @@ fn a_fisheye_draws_as_opencv_draws() {
 
 /// Made by OpenCV 5.0.0: `cv2.fisheye.undistortPoints` with `P` the same matrix and 1000 steps to 1e-14.
 #[test]
-fn a_fisheye_is_undone_as_opencv_undoes_it() {
+fn a_fisheye_is_undistorted_as_in_opencv() {
     let camera = camera();
     for (drawn_px, expected_px) in [
         (
@@ -107,7 +109,7 @@ fn a_fisheye_is_undone_as_opencv_undoes_it() {
         let off_px = (ideal.unwrap().vector_px() - Vector2::from(expected_px)).norm();
         assert!(off_px < GOLDEN_PX, "{drawn_px:?}: {off_px}");
     }
-    // 61.9 and 78.4 degrees off the axis: drawn, and not used.
+    // 61.9 and 78.4 degrees off the axis: drawn but not used.
     for (drawn_px, expected_px) in [
         (
             [1010.0, 610.0],
@@ -140,7 +142,7 @@ fn a_fisheye_is_used_up_to_sixty_degrees_off_its_axis() {
 }
 
 #[test]
-fn a_pixel_beyond_what_is_used_moves_to_the_rim() {
+fn a_pixel_beyond_the_used_part_moves_to_the_rim() {
     let camera = camera();
     let far = off_axis(&camera, 75.0);
     let rim = camera.within_view(far);
@@ -150,7 +152,7 @@ fn a_pixel_beyond_what_is_used_moves_to_the_rim() {
 }
 
 #[test]
-fn a_coefficient_that_is_none_is_refused_by_its_name() {
+fn a_coefficient_that_is_not_finite_is_refused_by_name() {
     let lens = LensModel::KannalaBrandt([0.0, 0.0, f64::NAN, 0.0]);
     let (intrinsics, place) = (
         *camera().intrinsics(),
@@ -165,7 +167,7 @@ fn a_coefficient_that_is_none_is_refused_by_its_name() {
 
 proptest! {
     #[test]
-    fn a_fisheye_is_undone_wherever_it_is_used(
+    fn a_fisheye_is_undistorted_in_its_whole_used_part(
         k in prop::array::uniform4(-0.03f64..0.03), angle_deg in 0.0f64..59.999, turn in 0.0f64..7.0,
     ) {
         let camera = camera_at(Isometry3::identity(), k);
@@ -186,7 +188,7 @@ proptest! {
         if let Some(ideal) = camera.undistort(drawn) {
             prop_assert!(camera.sees(ideal));
         } else {
-            // Where the lens is not drawn at all it is further out still.
+            // Beyond the drawn part it is even farther out.
             let ideal = camera.undistort_wide(drawn);
             prop_assert!(ideal.is_none_or(|ideal| !camera.sees(ideal)));
         }

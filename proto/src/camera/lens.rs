@@ -1,4 +1,4 @@
-//! A lens model with the region in which it may be used, and its inverse.
+//! A lens model with its valid region, and its inverse.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -6,23 +6,24 @@ use super::fisheye::{self, FISHEYE_HALF_VIEW_RAD};
 use super::lens_model::LensModel;
 use super::rational::Distortion;
 
-/// A lens model with the regions in which it may be used: discs around the axis on which it is monotonic. Without
-/// distortion that is the whole plane.
+/// A lens model with its valid regions: discs around the axis on which it is monotonic. Without
+/// distortion this is the whole plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lens {
     model: LensModel,
-    /// Of the part of the view that is used, in focal lengths of an ideal pinhole.
+    /// Radius of the used part of the view, in focal lengths of an ideal pinhole.
     used_radius: f64,
-    /// Of the part of the view that is drawn at all: more than is used of a fisheye, the same of others.
+    /// Radius of the drawn part of the view: larger than the used part for a fisheye, equal for
+    /// other lenses.
     drawn_radius: f64,
 }
 
-/// How much of the view is meant.
+/// A part of the view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ViewPart {
-    /// What is used.
+    /// The used part.
     Used,
-    /// All that is drawn.
+    /// The drawn part.
     Drawn,
 }
 
@@ -56,7 +57,7 @@ impl Lens {
         }
     }
 
-    /// Where the normalised point `p` is drawn; `None` outside of `part`.
+    /// The drawn position of the normalised point `p`; `None` outside `part`.
     pub(super) fn draw(&self, p: Vector2<f64>, part: ViewPart) -> Option<Vector2<f64>> {
         (p.norm() <= self.radius(part)).then(|| self.apply(p))
     }
@@ -68,7 +69,7 @@ impl Lens {
         }
     }
 
-    /// Where the last point in the direction of `p` that may be used is drawn.
+    /// The drawn position of the last used point in the direction of `p`.
     pub(super) fn rim(&self, p: Vector2<f64>) -> Vector2<f64> {
         let direction = p.try_normalize(1e-12).unwrap_or_else(Vector2::x);
         self.apply(direction * self.used_radius)
@@ -83,8 +84,8 @@ impl Lens {
     ) -> Option<Vector2<f64>> {
         match &self.model {
             LensModel::Rational(distortion) => {
-                // The target itself is the best start; the axis is the one from which every point can be
-                // reached without leaving the disc.
+                // The target itself is the best start. From the axis every point can be reached
+                // without leaving the disc.
                 let from_axis = || self.solve(distortion, target, Vector2::zeros(), tolerance);
                 self.solve(distortion, target, target, tolerance)
                     .or_else(from_axis)
@@ -93,19 +94,20 @@ impl Lens {
         }
     }
 
-    /// Whether the model says what is drawn at `target`, or what is drawn there is not used anyway. A fisheye that is
-    /// monotonic up to where it is used draws everything else further out.
+    /// Whether the model describes the point drawn at `target`, or that point is not used. A
+    /// fisheye that is monotonic in its used part draws all other points farther out.
     pub(super) fn accounts_for(&self, target: Vector2<f64>, tolerance: f64) -> bool {
         let is_cut = self.model.is_fisheye() && self.used_radius < self.drawn_radius;
         is_cut || self.undo(target, ViewPart::Used, tolerance).is_some()
     }
 
-    /// Whether `p` is not beyond what is used of a fisheye.
+    /// Whether `p` is within the used part of a fisheye.
     pub(super) fn is_within_view(&self, p: Vector2<f64>) -> bool {
         !self.model.is_fisheye() || p.norm() <= self.used_radius
     }
 
-    /// `p`, moved to the rim of what is used of a fisheye where it lies beyond it. Other lenses end at their pictures' edges.
+    /// Moves `p` to the rim of a fisheye's used part if it is beyond it. Other lenses end at the
+    /// edge of their pictures.
     pub(super) fn within_view(&self, p: Vector2<f64>) -> Vector2<f64> {
         if self.is_within_view(p) {
             p
@@ -114,7 +116,7 @@ impl Lens {
         }
     }
 
-    /// Newton's method with the analytic Jacobian; steps are halved until they help and stay on
+    /// Newton's method with the analytic Jacobian; steps are halved until they improve and stay on
     /// the disc.
     fn solve(
         &self,
@@ -147,7 +149,7 @@ impl Lens {
                     inside(&next) && (next_drawn - target).norm_squared() < residual.norm_squared();
                 helps.then_some((next, next_drawn, next_jacobian))
             });
-            // Nothing nearer: rounding is reached, or the point is not drawn at all.
+            // No improvement: the rounding limit is reached, or the point is not drawn.
             let Some(better) = better else { break };
             (p, drawn, jacobian) = better;
         }
@@ -216,11 +218,11 @@ mod tests {
         }
 
         #[test]
-        fn what_is_drawn_comes_back(d in any_distortion(), share in 0.0f64..1.0, angle in 0.0f64..7.0) {
+        fn drawn_points_are_recovered(d in any_distortion(), share in 0.0f64..1.0, angle in 0.0f64..7.0) {
             let lens = Lens::new(d.into());
             let p = at(share * lens.used_radius.min(10.0), angle);
             let drawn = lens.draw(p, ViewPart::Used).unwrap_or_else(|| lens.rim(p));
-            // 1e-9 px at a focal length of 1000 px; beside a pole a lens draws out of any image.
+            // 1e-9 px at a focal length of 1000 px; near a pole a lens draws far outside any image.
             let back = lens.undo(drawn, ViewPart::Used, 1e-13);
             prop_assert!(drawn.norm() > 4.0 || back.is_some_and(|b| (b - p).norm() < 1e-12), "{p} {back:?}");
         }

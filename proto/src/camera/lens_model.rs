@@ -1,17 +1,18 @@
-//! The two models of lenses that are known.
+//! The two supported lens models.
 
 use nalgebra::{Matrix2, Vector2};
 
 use super::fisheye;
 use super::rational::Distortion;
 
-/// How a lens draws.
+/// A lens model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LensModel {
     /// OpenCV's rational model with tangential terms.
     Rational(Distortion),
-    /// Kannala and Brandt 2006 as OpenCV's `fisheye` has it, k1 to k4: with the angle theta to the axis the point is drawn
-    /// at the radius theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), in focal lengths.
+    /// Kannala and Brandt 2006 as in OpenCV's `fisheye`, k1 to k4. A point at the angle theta to
+    /// the axis is drawn at the radius theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4
+    /// theta^8), in focal lengths.
     KannalaBrandt([f64; 4]),
 }
 
@@ -33,7 +34,7 @@ impl LensModel {
         Self::Rational(Distortion::default())
     }
 
-    /// Whether the lens is an ideal one: it draws what a pinhole draws.
+    /// Whether the lens has no distortion.
     pub fn is_none(&self) -> bool {
         match self {
             Self::Rational(distortion) => distortion.is_none(),
@@ -47,7 +48,8 @@ impl LensModel {
         matches!(self, Self::KannalaBrandt(_))
     }
 
-    /// OpenCV's order: 4 coefficients of the fisheye model, else 5, or 8 where the denominator is used.
+    /// In OpenCV's order: 4 coefficients of the fisheye model, else 5, or 8 if the denominator is
+    /// used.
     pub fn coefficients(&self) -> Vec<f64> {
         match self {
             Self::KannalaBrandt(k) => k.to_vec(),
@@ -69,8 +71,9 @@ impl LensModel {
         }
     }
 
-    /// The rational model from OpenCV's order (k1, k2, p1, p2, k3, k4, k5, k6); what is not given is 0. `None` for more
-    /// than 8 coefficients, unless all further ones (thin prism, tilt) are 0.
+    /// The rational model from OpenCV's order (k1, k2, p1, p2, k3, k4, k5, k6); missing
+    /// coefficients are 0. `None` for more than 8 coefficients, unless all further ones (thin
+    /// prism, tilt) are 0.
     pub fn rational(coefficients: &[f64]) -> Option<Self> {
         let at = |i: usize| coefficients.get(i).copied().unwrap_or(0.0);
         if coefficients.len() > 14 || coefficients.iter().skip(8).any(|&c| c != 0.0) {
@@ -88,8 +91,8 @@ impl LensModel {
         }))
     }
 
-    /// Where the lens draws what an ideal pinhole draws at `p`, and the derivative of that by `p`; both in focal lengths
-    /// from the principal point, whether the model is used there or not.
+    /// The distorted position of an ideal pinhole's point `p`, and its derivative by `p`. Both are
+    /// in focal lengths from the principal point; the valid region is not checked.
     pub fn draw_with_jacobian(&self, p: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         match self {
             Self::Rational(distortion) => distortion.apply(p),

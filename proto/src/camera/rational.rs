@@ -2,16 +2,15 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-/// Least stretch of the lens, distorted over undistorted length in the direction that is squeezed
-/// most, down to which the model counts as monotonic: at less, rounding alone moves the inverse by
-/// more than 1e-9 px.
+/// Smallest accepted stretch of the lens: distorted over undistorted length in the most squeezed
+/// direction. Below it, rounding alone moves the inverse by more than 1e-9 px.
 pub(super) const MIN_STRETCH: f64 = 1e-3;
 
 /// Largest tangent of the angle to the optical axis at which a lens model is used (89 degrees).
 const MAX_RADIUS: f64 = 57.0;
 
-/// OpenCV's rational lens distortion (its documentation of `calib3d`), in normalised image coordinates (x, y) =
-/// (X/Z, Y/Z), no unit.
+/// OpenCV's rational lens distortion (its documentation of `calib3d`), in normalised image
+/// coordinates (x, y) = (X/Z, Y/Z), no unit.
 ///
 /// ```text
 ///   x' = x g + 2 p1 x y + p2 (r2 + 2 x2)        g = (1 + k1 r2 + k2 r4 + k3 r6) / (1 + k4 r2 + k5 r4 + k6 r6)
@@ -21,7 +20,7 @@ const MAX_RADIUS: f64 = 57.0;
 /// Its Jacobian is symmetric; where it is positive definite the model is monotonic.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Distortion {
-    /// Radial, second order; dimensionless, as all of OpenCV's.
+    /// Radial, second order; dimensionless, as all coefficients of OpenCV.
     pub k1: f64,
     /// Radial, fourth order; dimensionless.
     pub k2: f64,
@@ -46,7 +45,7 @@ impl Distortion {
         ]
     }
 
-    /// Whether the lens is an ideal one.
+    /// Whether the lens has no distortion.
     pub fn is_none(&self) -> bool {
         self.coefficients().iter().all(|&c| c == 0.0)
     }
@@ -65,7 +64,7 @@ impl Distortion {
         )
     }
 
-    /// The distorted position of normalised (x, y), and the Jacobian there.
+    /// The distorted position of normalised (x, y), and its Jacobian.
     pub(super) fn apply(&self, p: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (x, y) = (p.x, p.y);
         let (g, slope, _) = self.radial(p.norm_squared());
@@ -83,8 +82,8 @@ impl Distortion {
         (moved, jacobian)
     }
 
-    /// Whether J - [`MIN_STRETCH`] I has a positive determinant all around the circle of radius
-    /// `r`; on every circle from 0 to `r`, it makes the model monotonic on that disc.
+    /// Whether J - [`MIN_STRETCH`] I has a positive determinant on the whole circle of radius `r`.
+    /// If this is so on every circle from 0 to `r`, the model is monotonic on that disc.
     ///
     /// At an angle with cosine c to the tangential vector q = |p| r, J is, in radial and tangential
     /// direction, ((a + 6 q c, 2 q s), (2 q s, b + 2 q c)) with a = d(r g)/dr and b = g.

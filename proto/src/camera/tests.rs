@@ -1,11 +1,11 @@
-//! The camera model projects and unprojects as its own inverse, and refuses lenses that fold.
+//! Tests of the camera model: projection, its inverse, and the refusal of lenses that fold.
 
 use nalgebra::Isometry3;
 use proptest::prelude::*;
 
 use super::*;
 
-/// What both ways through a lens may lose, pixels.
+/// Allowed error of a distortion and its inverse, pixels.
 const INVERSE_PX: f64 = 1e-9;
 
 const PLAIN: Distortion = Distortion {
@@ -39,7 +39,7 @@ fn camera(distortion: Distortion) -> Result<CameraModel, CameraError> {
     camera_at(Isometry3::identity(), distortion)
 }
 
-/// Checks both ways for one distorted pixel.
+/// Checks both directions for one distorted pixel.
 fn check_inverse(camera: &CameraModel, x: f64, y: f64) {
     let drawn = Pixel::<Distorted>::new(x, y);
     let ideal = camera.undistort(drawn).unwrap();
@@ -74,18 +74,18 @@ proptest! {
     }
 
     #[test]
-    fn lenses_are_undone_all_over_the_image(
+    fn lenses_are_undistorted_all_over_the_image(
         k1 in -0.35f64..0.25, k2 in -0.1f64..0.15, p1 in -0.005f64..0.005, p2 in -0.005f64..0.005,
         k3 in -0.02f64..0.08, x in -0.5f64..1279.5, y in -0.5f64..719.5,
     ) {
-        // The few that fold are refused; the next test sees to that.
+        // Some lenses fold and are refused; the next test covers them.
         if let Ok(camera) = camera(Distortion { k1, k2, p1, p2, k3, ..PLAIN }) {
             check_inverse(&camera, x, y);
         }
     }
 
     #[test]
-    fn strong_lenses_are_undone_or_refused(
+    fn strong_lenses_are_undistorted_or_refused(
         c in prop::array::uniform8(-1.0f64..1.0), x in -0.5f64..1279.5, y in -0.5f64..719.5,
     ) {
         let distortion = Distortion {
@@ -123,8 +123,8 @@ fn a_lens_that_folds_inside_its_image_is_refused_by_name() {
 
 #[test]
 fn a_point_far_outside_the_view_does_not_fold_back_into_the_image() {
-    // Symptom of OpenCV's polynomial: beyond r = 1.35 this lens draws towards the middle again,
-    // and at r = 2.3 onto the principal point.
+    // Known problem of OpenCV's polynomial: beyond r = 1.35 this lens draws towards the middle
+    // again, and at r = 2.3 onto the principal point.
     let camera = camera(Distortion { k1: -0.18, ..PLAIN }).unwrap();
     let far = Pixel::new(640.0 + 900.0 * 2.3, 355.0);
     assert_eq!(camera.distort(far), None);
@@ -141,7 +141,7 @@ fn an_ideal_lens_moves_nothing() {
 }
 
 #[test]
-fn a_lens_draws_as_opencv_draws() {
+fn a_lens_distorts_as_in_opencv() {
     // cv2.projectPoints of (0.4, -0.3, 1) with this lens, by OpenCV's documented formula in
     // exact fractions: r2 = 0.25, g = (1 - 0.05 + 0.00625 + 0.00015625) / 1.0259375.
     let distortion = Distortion {
@@ -170,7 +170,7 @@ fn a_lens_draws_as_opencv_draws() {
 }
 
 #[test]
-fn numbers_that_are_none_are_refused_by_name() {
+fn numbers_that_are_not_finite_are_refused_by_name() {
     let nan = camera(Distortion {
         k2: f64::NAN,
         ..PLAIN

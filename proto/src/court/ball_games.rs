@@ -16,7 +16,7 @@ pub(super) fn football(court: &mut Drawing) {
     court.area("penalty_area", area, 0.5 * goal + area);
     court.area("goal_area", small, 0.5 * goal + small);
     court.mark_at_ends("penalty_spot", spot);
-    // The part of the circle about the spot that is outside of the area.
+    // The part of the circle around the spot that is outside the area.
     court.arcs_inward(
         "penalty_arc",
         spot,
@@ -69,9 +69,10 @@ pub(super) fn handball(court: &mut Drawing) {
     court.goals(goal, 2.0);
 }
 
-/// FIBA, article 2, all from the inner edge of the boundary lines: centre circle of 1.8 m; free-throw line of 3.6 m whose farther
-/// edge is 5.8 m from the end line; restricted area of 4.9 m; three points beyond 6.75 m of the point below the basket (1.575 m
-/// from the end line) and 0.9 m of the side lines; no-charge semicircle of 1.25 m.
+/// FIBA, article 2, all from the inner edge of the boundary lines: centre circle of 1.8 m;
+/// free-throw line of 3.6 m whose farther edge is 5.8 m from the end line; restricted area of 4.9
+/// m; three points beyond 6.75 m of the point below the basket (1.575 m from the end line) and 0.9
+/// m of the side lines; no-charge semicircle of 1.25 m.
 pub(super) fn basketball(court: &mut Drawing) {
     let (free, basket, three) = (5.8, 1.575, 6.75);
     court.boundary("side_line", "end_line");
@@ -82,7 +83,7 @@ pub(super) fn basketball(court: &mut Drawing) {
     court.mark_at_four("free_throw_line", free, 1.8, 0.0);
     court.arcs_inward("free_throw_circle", free, 1.8, FRAC_PI_2);
     let side = court.half_m[1] - 0.9;
-    // On courts that are narrower than the arc's ends the straight part is all that there is of it.
+    // On courts narrower than the ends of the arc, only the straight part remains.
     let half = libm::asin((side / three).min(1.0));
     let corner = basket + three * libm::cos(half);
     court.along_ends("three_point_side", side, 0.0, corner);

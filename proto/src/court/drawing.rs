@@ -1,4 +1,4 @@
-//! A court while it is drawn: what is on one side is on the others too.
+//! Builds a court; every element is repeated on the symmetric sides.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -73,7 +73,8 @@ impl Drawing {
         }
     }
 
-    /// Boundary, halfway line and corners: `side` is what the long lines are called, `end` the short ones.
+    /// Boundary, halfway line and corners. `side` is the name of the long lines, `end` of the short
+    /// ones.
     pub(super) fn boundary(&mut self, side: &str, end: &str) {
         let [x, y] = self.half_m;
         for (name, up) in SIDES {
@@ -86,7 +87,7 @@ impl Drawing {
         self.mark("centre", [0.0; 3]);
     }
 
-    /// The line across the middle, with where it meets the long ones.
+    /// The line across the middle, and its intersections with the long lines.
     pub(super) fn halfway(&mut self, name: &str, short: &str) {
         let y = self.half_m[1];
         self.segment(name, [0.0, -y], [0.0, y]);
@@ -131,7 +132,8 @@ impl Drawing {
         self.mark_at_four("goal_crossbar", 0.0, 0.5 * width_m, height_m);
     }
 
-    /// Arcs at both ends about (`inside_m`, 0), that open into the court by `half_rad` to either side of the long axis.
+    /// Arcs at both ends around (`inside_m`, 0), which open into the court by `half_rad` to either
+    /// side of the long axis.
     pub(super) fn arcs_inward(&mut self, name: &str, inside_m: f64, radius_m: f64, half_rad: f64) {
         for (end, sign) in ENDS {
             let centre_m = [sign * (self.half_m[0] - inside_m), 0.0];
@@ -148,13 +150,13 @@ impl Drawing {
         }
     }
 
-    /// Arcs about a point of each end line, `y` to either side, from `start_rad` off the end line (0: on it, outward) by `by_rad`
-    /// into the court: `NAME_north_west` and so on.
+    /// Arcs around a point of each end line, `y` to either side, from `start_rad` off the end line
+    /// (0: on it, outward) by `by_rad` into the court: `NAME_north_west` and so on.
     pub(super) fn arcs_at_posts(&mut self, name: &str, y: f64, radius_m: f64, start_rad: f64) {
         for (side, up) in SIDES {
             for (end, sign) in ENDS {
                 let by = FRAC_PI_2 - start_rad;
-                // North-west: from up the end line (90 degrees) to along the court (0).
+                // North-west: from along the end line (90 degrees) to along the court (0).
                 let from_rad = match (up > 0.0, sign < 0.0) {
                     (true, true) => 0.0,
                     (true, false) => FRAC_PI_2 + start_rad,

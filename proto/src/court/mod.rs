@@ -1,12 +1,14 @@
-//! Courts as their rules draw them: marks and lines by name, so that nobody has to measure what is painted on the floor,
-//! and who looks at people sees it under them.
+//! Courts as defined by the rules of each sport: named marks and lines. They replace measurements
+//! of the floor, and the viewer draws them under the people.
 //!
-//! The origin is the middle of the court on the floor, x along its length, y across it, z up, metres. Seen as on a map, x to the
-//! right and y up: west is -x, east +x, south -y, north +y. So `corner_north_west` is (-length/2, width/2, 0). Which end is
-//! west is up to whoever clicks, but it must be the same in all cameras.
+//! The origin is the middle of the court on the floor, x along its length, y across it, z up,
+//! metres. On a map with x to the right and y up, west is -x, east +x, south -y, north +y. So
+//! `corner_north_west` is (-length/2, width/2, 0). The user chooses which end is west, but it must
+//! be the same in all cameras.
 //!
-//! Lines have a width, and lie where the rules measure them: boundary lines at their outer edge (football, futsal, handball,
-//! volleyball, tennis), in basketball at their inner edge. Posts are given by the inner edge of their foot and of the crossbar.
+//! Lines have a width. Their position follows the rules: boundary lines at their outer edge
+//! (football, futsal, handball, volleyball, tennis), in basketball at their inner edge. Posts are
+//! given by the inner edge of their foot and of the crossbar.
 
 mod ball_games;
 mod drawing;
@@ -18,7 +20,7 @@ pub use placed::PlacedCourt;
 
 use crate::toml_file::unknown_name;
 
-/// A place of a court that has a name.
+/// A named point of a court.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CourtMark {
     /// `corner_north_west`, `penalty_spot_east`, ...
@@ -30,7 +32,7 @@ pub struct CourtMark {
 /// The shape of a line on the floor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LineShape {
-    /// From here to there.
+    /// A straight line.
     Segment {
         /// x and y, metres.
         from_m: [f64; 2],
@@ -43,42 +45,41 @@ pub enum LineShape {
         centre_m: [f64; 2],
         /// Metres.
         radius_m: f64,
-        /// Where it begins, from +x towards +y, radians.
+        /// Start angle, from +x towards +y, radians.
         from_rad: f64,
-        /// How far it goes, towards +y; 2 pi is a circle.
+        /// Angle of the arc, towards +y; 2 pi is a circle.
         by_rad: f64,
     },
 }
 
-/// A line of a court that has a name.
+/// A named line of a court.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CourtLine {
     /// `touchline_north`, `centre_circle`, ...
     pub name: String,
-    /// Where it is.
+    /// Its geometry.
     pub shape: LineShape,
 }
 
-/// What is painted on one.
+/// The marks and lines of a court.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Court {
     /// `futsal`, `football`, ...
     pub name: &'static str,
-    /// Whose rules, and which part of them.
+    /// The federation and the part of its rules.
     pub rules: &'static str,
     /// Length and width, metres.
     pub size_m: [f64; 2],
-    /// Places by name.
+    /// Named points.
     pub marks: Vec<CourtMark>,
-    /// Lines by name, also for drawing.
+    /// Named lines, also for drawing.
     pub lines: Vec<CourtLine>,
 }
 
-/// One row of the table of courts.
 struct Rules {
     name: &'static str,
     source: &'static str,
-    /// Length and width where none are given, and those that the rules allow (or that are played on).
+    /// Default length and width, and the range that the rules (or common practice) allow.
     usual_m: [f64; 2],
     least_m: [f64; 2],
     most_m: [f64; 2],
@@ -137,15 +138,15 @@ const COURTS: [Rules; 6] = [
 ];
 
 impl Court {
-    /// The names of all courts, in the order of the alphabet.
+    /// The names of all courts, in alphabetical order.
     pub fn names() -> Vec<&'static str> {
         COURTS.iter().map(|rules| rules.name).collect()
     }
 
-    /// The court called `name`, of its usual size, or of `size_m` (length, width).
+    /// The court `name` with its default size, or with `size_m` (length, width).
     ///
     /// # Errors
-    /// In words: an unknown name, or a size that its rules do not allow.
+    /// A description of an unknown name, or of a size that the rules do not allow.
     pub fn of(name: &str, size_m: Option<[f64; 2]>) -> Result<Self, String> {
         let Some(rules) = COURTS.iter().find(|rules| rules.name == name) else {
             return Err(unknown_name("court", name, &Self::names()));
@@ -171,12 +172,12 @@ impl Court {
         })
     }
 
-    /// The mark called `name`.
+    /// The mark `name`.
     pub fn mark(&self, name: &str) -> Option<&CourtMark> {
         self.marks.iter().find(|mark| mark.name == name)
     }
 
-    /// The line called `name`.
+    /// The line `name`.
     pub fn line(&self, name: &str) -> Option<&CourtLine> {
         self.lines.iter().find(|line| line.name == name)
     }

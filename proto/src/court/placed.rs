@@ -4,22 +4,23 @@ use std::f64::consts::TAU;
 
 use super::{Court, LineShape};
 
-/// Straight pieces of a whole circle.
+/// Straight pieces of a full circle.
 const PIECES_OF_CIRCLE: f64 = 72.0;
 
 /// A court at its place on the floor of a venue.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedCourt {
-    /// What is painted.
+    /// The court.
     pub court: Court,
-    /// Where its middle is, world x and y, metres.
+    /// Its centre, world x and y, metres.
     pub centre_m: [f64; 2],
-    /// How far it is turned, from +x towards +y, radians.
+    /// Its rotation, from +x towards +y, radians.
     pub turn_rad: f64,
 }
 
 impl PlacedCourt {
-    /// The points of `shape`, a line of the court, in the world: x and y, metres. Arcs become straight pieces of 5 degrees.
+    /// The points of `shape`, a line of the court, in the world: x and y, metres. Arcs become
+    /// straight pieces of 5 degrees.
     pub fn points_m(&self, shape: &LineShape) -> Vec<[f64; 2]> {
         let (sin, cos) = libm::sincos(self.turn_rad);
         let place = |[x, y]: [f64; 2]| {

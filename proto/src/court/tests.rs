@@ -1,4 +1,4 @@
-//! What courts are like, told from the rules and from each other.
+//! Tests of courts against the rules and against their own symmetry.
 
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -20,7 +20,7 @@ fn at(court: &str, mark: &str) -> [f64; 3] {
         .position_m
 }
 
-/// Begin and end of a line.
+/// Start and end of a line.
 fn ends(line: &CourtLine) -> [[f64; 2]; 2] {
     match line.shape {
         LineShape::Segment { from_m, to_m } => [from_m, to_m],
@@ -111,7 +111,7 @@ fn arcs_of_areas_join_their_straight_parts() {
 }
 
 #[test]
-fn places_are_those_of_the_rules() {
+fn positions_agree_with_the_rules() {
     let near = |found: [f64; 3], expected: [f64; 3]| {
         assert!(
             found
@@ -139,7 +139,7 @@ fn places_are_those_of_the_rules() {
     );
     near(at("tennis", "service_line_north_west"), [-6.4, 4.115, 0.0]);
     near(at("volleyball", "attack_line_south_east"), [3.0, -4.5, 0.0]);
-    // FIBA draws where arc and straight part meet at 2.99 m from the end line.
+    // FIBA draws the junction of arc and straight part at 2.99 m from the end line.
     let [x, ..] = at("basketball", "three_point_bend_north_west");
     assert!((14.0 + x - 2.99).abs() < 0.005);
 }
@@ -157,7 +157,7 @@ fn circles_are_whole() {
 }
 
 #[test]
-fn an_unknown_court_and_an_impossible_size_are_said() {
+fn an_unknown_court_and_an_invalid_size_are_refused() {
     let error = Court::of("fotball", None).unwrap_err();
     assert!(error.contains("did you mean `football`"), "{error}");
     let error = Court::of("futsal", Some([20.0, 40.0])).unwrap_err();

@@ -1,4 +1,4 @@
-//! From the text of a card to a card that can be trusted.
+//! Parses and checks the text of a card.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -15,12 +15,13 @@ use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
 /// Largest side of a network's input, pixels.
 const MAX_INPUT_SIDE: u32 = 8192;
-/// Most that a crop is larger than the body: networks are trained with 1.25, and at 2 those that were tried find other people.
+/// Largest margin of a crop: networks are trained with 1.25, and at 2 the tested networks find
+/// other people.
 const MAX_BOX_MARGIN: f64 = 2.0;
-/// Largest number that a pixel becomes: pixels themselves reach 255, and with mean and deviation of other pixels than the scale's,
-/// half a thousand.
+/// Largest number after normalisation. Pixels reach 255; with mean and deviation for another pixel
+/// scale, the numbers reach about 500.
 const MOST_GIVEN: f32 = 300.0;
-/// Least difference between black and white in the input: networks want about 1 to 5.
+/// Smallest difference between black and white in the input: networks expect about 1 to 5.
 const LEAST_CONTRAST: f32 = 0.1;
 
 pub(super) fn kind_of(file: &TomlFile<'_>) -> Result<String, FileError> {
@@ -157,8 +158,7 @@ pub(super) fn detector(file: &TomlFile<'_>) -> Result<DetectorCard, FileError> {
     })
 }
 
-/// Refuses cells that do not lie in the input: with them every keypoint would be beside where it is, by one and the same rule in
-/// all cameras.
+/// Refuses cells outside the input: all keypoints would be shifted by the same rule in all cameras.
 fn check_cells(
     file: &TomlFile<'_>,
     cell_to_input: CellToInput,

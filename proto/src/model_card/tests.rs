@@ -1,4 +1,4 @@
-//! Model cards of both kinds, and what is said of wrong ones.
+//! Model cards of both kinds, and the errors of invalid ones.
 
 use super::*;
 
@@ -49,7 +49,7 @@ fn a_heatmap_card_is_read() {
 }
 
 #[test]
-fn a_card_says_how_wide_the_networks_peaks_are_or_they_are_as_usual() {
+fn the_peak_sigma_has_a_default() {
     let sigma_cells = |text: &str| {
         let card = HeatmapCard::parse(text, Path::new("models/card.toml")).unwrap();
         card.output.peak_sigma_of_width() * f64::from(card.output.width)
@@ -98,7 +98,7 @@ fn a_card_of_the_other_kind_is_refused() {
 }
 
 #[test]
-fn what_is_wrong_is_named_with_field_and_line() {
+fn errors_name_field_and_line() {
     let check = |text, from, to, expected: &str| {
         assert_eq!(
             refusal(text, from, to),
@@ -185,7 +185,7 @@ fn cells_that_do_not_lie_in_the_input_are_refused() {
         offset.contains("found 8, expected a number from -4 to 4"),
         "{offset}"
     );
-    // From the first pixel's middle to the last's, and with half a cell more.
+    // From the centre of the first pixel to that of the last, and with half a cell more.
     for (from, to) in [
         ("scale = 4.0", "scale = 4.06"),
         ("offset = 0.0", "offset = 1.5"),
@@ -195,7 +195,7 @@ fn cells_that_do_not_lie_in_the_input_are_refused() {
 }
 
 #[test]
-fn mean_and_deviation_of_other_pixels_than_the_scales_are_refused() {
+fn mean_and_deviation_for_another_pixel_scale_are_refused() {
     let of_whole_pixels = "mean = [123.7, 116.3, 103.5], std = [58.4, 57.1, 57.4]";
     let of_shares = "mean = [0.485, 0.456, 0.406], std = [0.229, 0.224, 0.225]";
     let scale = |scale: &str| HEATMAP.replace("scale = 0.004", scale);

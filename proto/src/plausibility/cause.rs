@@ -1,56 +1,56 @@
-//! Which mistakes of a calibration are looked for.
+//! The detectable mistakes of a calibration.
 
-/// What kind of mistake was found.
+/// The kind of a mistake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Cause {
-    /// Another axis of the world than z points up, or z points down.
+    /// An axis other than z points up, or z points down.
     WorldAxes,
-    /// The file takes camera to world.
+    /// The file's poses are camera to world.
     Backwards,
     /// The file's cameras have y up and z backward.
     CameraAxes,
-    /// A camera stands below the floor.
+    /// A camera is below the floor.
     UnderFloor,
-    /// A camera hangs higher, or stands lower, than cameras do.
+    /// A camera has an unusual height.
     Height,
     /// A camera's picture is upside down.
     UpsideDown,
     /// A camera's picture is turned by about 90 degrees.
     Sideways,
-    /// All cameras hang above people and look up: the calibration is a mirror image.
+    /// All cameras are above people and look up: the calibration is a mirror image.
     LookUp,
     /// A rotation vector is longer than half a turn.
     LongRotation,
-    /// The field of view is not one of a lens with the picture's size.
+    /// The field of view does not match a lens and the picture's size.
     FieldOfView,
     /// The focal lengths along rows and columns differ.
     PixelShape,
     /// The principal point is far from the picture's middle.
     PrincipalPoint,
-    /// The distortion is not one of a lens.
+    /// The distortion is not plausible for a lens.
     Distortion,
-    /// All cameras are very near each other, or very far apart: another unit of length.
+    /// All cameras are very close together or very far apart: another unit of length.
     Units,
-    /// All cameras stand so far from the origin that poses are coarse.
+    /// All cameras are so far from the origin that poses are coarse.
     FarOrigin,
-    /// Two cameras stand at the same place.
+    /// Two cameras are at the same place.
     SamePlace,
-    /// Cameras of one viewpoint stand far from each other.
+    /// Cameras of one viewpoint are far apart.
     ViewpointApart,
     /// A camera sees no part of the field.
     LooksAway,
-    /// Little of the field is seen from two viewpoints.
+    /// Two viewpoints see little of the field.
     FieldUnseen,
     /// The field is too low, too narrow or too wide for people.
     FieldSize,
-    /// There is one viewpoint alone.
+    /// There is only one viewpoint.
     OneViewpoint,
     /// Pictures of another size than the calibration's.
     PictureSize,
 }
 
 impl Cause {
-    /// As programs read it.
+    /// The name for programs.
     pub fn name(self) -> &'static str {
         match self {
             Self::WorldAxes => "world_axes",
@@ -79,5 +79,5 @@ impl Cause {
     }
 }
 
-/// One thing that speaks against a calibration.
+/// One reason against a calibration.
 pub type Finding = crate::finding::Finding<Cause>;

@@ -1,4 +1,5 @@
-//! Whether cameras would stand as cameras do if the file wrote them in the convention of another program.
+//! Tests whether cameras would have plausible poses if the file used the convention of another
+//! program.
 //!
 //! ```text
 //!   ours:          x_c = R x_w + t, x to the right, y down, z forward
@@ -15,10 +16,11 @@ use crate::venue::{Venue, VenueCamera};
 use super::coverage::{self, coverage};
 use super::{Cause, Coverage, Finding, Severity, Sight, places, standing, upright};
 
-/// What a camera that is read in its own convention sees of the field at least: some of it is in most pictures by chance.
+/// Minimum share of the field that a camera sees in its own convention; a small share is in most
+/// pictures by chance.
 const SEES: f64 = 0.1;
 
-/// How a program writes where cameras stand.
+/// How a program writes camera poses.
 #[derive(Debug, Clone, Copy)]
 enum Convention {
     /// Camera to world.
@@ -32,7 +34,7 @@ enum Convention {
 impl Convention {
     const ALL: [Self; 3] = [Self::Pose, Self::TurnedAxes, Self::PoseOfTurnedAxes];
 
-    /// World to camera in our axes, of what is `written`.
+    /// The pose `written` in this convention, as world to camera in our axes.
     fn read(self, written: &Isometry3<f64>) -> Isometry3<f64> {
         let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
         let turned = Isometry3::from_parts(Translation3::identity(), half_turn);
@@ -103,7 +105,7 @@ impl Convention {
     }
 }
 
-/// The convention of another program in which everything would be well.
+/// The convention of another program in which all cameras would be plausible.
 pub(super) fn of_all(venue: &Venue, findings: &[Finding]) -> Option<Finding> {
     let is_bad = |finding: &&Finding| {
         finding.is_wrong() || matches!(finding.cause, Cause::LooksAway | Cause::UnderFloor)
@@ -143,8 +145,8 @@ fn all_is_well(venue: &Venue, cameras: Vec<VenueCamera>) -> bool {
     standing(&sights, &read.field).is_empty() && coverage::findings(&read, &seen).is_empty()
 }
 
-/// Of the cameras that see nothing of the field those that would in the convention of another program: what is said of these
-/// follows from it.
+/// Cameras that see nothing of the field, but would in the convention of another program. It
+/// replaces their other findings, which follow from it.
 pub(super) fn of_single(venue: &Venue, seen: &Coverage, findings: &mut Vec<Finding>) {
     for (index, camera) in venue.cameras.iter().enumerate() {
         if seen.of_camera[index] > 0.0 {

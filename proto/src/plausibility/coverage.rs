@@ -1,4 +1,4 @@
-//! What of the field the cameras see: every camera a part, two viewpoints together most of it.
+//! Coverage of the field: every camera sees a part, two viewpoints together most of it.
 
 use std::collections::BTreeSet;
 
@@ -9,25 +9,25 @@ use crate::venue::{Field, Venue};
 
 use super::{Cause, Finding, Severity, Sight, places};
 
-/// Points along either side of the field that are looked at.
+/// Sample points along either side of the field.
 const SIDE: u32 = 25;
-/// Heights above the floor that are looked at, metres: feet to heads.
+/// Sample heights above the floor, metres: feet to heads.
 const HEIGHTS_M: [f64; 4] = [0.0, 0.7, 1.4, 2.0];
-/// Less than this share of a field that somebody has stated is told of, if it is in two viewpoints.
+/// A smaller share of a configured field in two viewpoints is reported.
 const LITTLE: f64 = 0.1;
 /// Corners that differ by less are the same, metres.
 const SAME_M: f64 = 1e-6;
 
-/// What of the field is seen, from the floor to 2 m, bodies and walls left out of account.
+/// The visible part of the field, from the floor to 2 m, ignoring bodies and walls.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coverage {
-    /// Of each camera, in the venue's order: the share of the field that it sees.
+    /// Per camera, in the venue's order: the share of the field that it sees.
     pub of_camera: Vec<f64>,
-    /// The share that two viewpoints or more see.
+    /// The share seen by two or more viewpoints.
     pub by_two: f64,
 }
 
-/// Looks at a grid of points all over the field. Cost: some 2,500 projections per camera.
+/// Evaluates a grid of points over the field. Cost: about 2,500 projections per camera.
 pub fn coverage(venue: &Venue) -> Coverage {
     let points = points(&venue.field);
     let mut counts = vec![0_usize; venue.cameras.len()];
@@ -111,7 +111,7 @@ pub(super) fn findings(venue: &Venue, seen: &Coverage) -> Vec<Finding> {
     findings
 }
 
-/// That there is one viewpoint alone: nobody is ever found there, and who is given by hand is soon lost.
+/// Reports a single viewpoint: it detects no new people, and people given by hand are soon lost.
 pub fn of_viewpoints(venue: &Venue) -> Option<Finding> {
     if venue.viewpoints.len() > 1 {
         return None;
@@ -125,12 +125,12 @@ pub fn of_viewpoints(venue: &Venue) -> Option<Finding> {
             Severity::Doubtful
         },
         found: "there is one viewpoint".to_owned(),
-        expected: "two or more: one alone does not say how far away somebody is".to_owned(),
+        expected: "two or more: one alone cannot measure how far away a person is".to_owned(),
         remedy: "give cameras that stand apart a `[[viewpoint]]` each".to_owned(),
     })
 }
 
-/// Whether somebody has said where people are: the field that is made from the cameras reaches far behind them.
+/// Whether the field was configured: a default field extends far behind the cameras.
 fn is_stated(venue: &Venue) -> bool {
     let sights: Vec<Sight> = venue.cameras.iter().map(Sight::of).collect();
     let made = places::around(&sights, &venue.field);
@@ -140,7 +140,7 @@ fn is_stated(venue: &Venue) -> bool {
     both.any(|(a, b)| (a - b).abs() > SAME_M)
 }
 
-/// The field as an operator reads it.
+/// The field as text for an operator.
 fn words(field: &Field) -> String {
     let [x0, y0, _] = field.min_m;
     let [x1, y1, _] = field.max_m;

@@ -1,18 +1,20 @@
-//! Whether people fit into the field: nobody new is followed whose middle is outside it.
+//! Checks that people fit into the field: a new person is followed only if the middle of the body
+//! is inside it.
 
 use crate::venue::Venue;
 
 use super::{Cause, Finding, Severity};
 
-/// The middle of a body, hips and shoulders, stands at 0.9 to 1.2 m. A field that ends below, above its floor, leaves the tall
-/// out, metres; only who sits, kneels or lies is found then.
+/// The middle of a standing body, between hips and shoulders, is at 0.9 to 1.2 m. A field with a
+/// lower top above its floor excludes tall people, metres; only people who sit, kneel or lie are
+/// found then.
 const LOW_M: f64 = 1.2;
-/// No field in metres is narrower: a treadmill has 0.45.
+/// Narrowest field, metres: a treadmill has 0.45.
 const NARROW_M: f64 = 0.4;
-/// No field is wider, metres: a stadium with its stands is 300.
+/// Widest field, metres: a stadium with its stands has 300.
 const WIDE_M: f64 = 500.0;
 
-/// What speaks against the extent of the venue's field.
+/// Findings about the size of the venue's field.
 pub(super) fn findings(venue: &Venue) -> Vec<Finding> {
     let field = &venue.field;
     let of = |found, expected: &str, remedy: &str| Finding {

@@ -1,4 +1,4 @@
-//! Whether pinhole and lens can be those of a camera with pictures of that size.
+//! Checks that pinhole and lens are plausible for the size of the pictures.
 
 use nalgebra::Vector2;
 
@@ -7,42 +7,44 @@ use crate::frames::Pixel;
 
 use super::{Cause, Finding, Severity};
 
-/// Horizontal fields of view that are usual, and that exist, degrees. No lens draws 165 on a plane; one of half a degree is a
-/// telescope.
+/// Horizontal fields of view that are usual, and that exist, degrees. No rectilinear lens reaches
+/// 165; one of half a degree is a telescope.
 const USUAL_VIEW_DEG: [f64; 2] = [5.0, 150.0];
 const POSSIBLE_VIEW_DEG: [f64; 2] = [0.5, 165.0];
-/// The same of fisheyes; there are some that see behind themselves.
+/// The same for fisheyes; some see behind themselves.
 const USUAL_FISHEYE_DEG: [f64; 2] = [40.0, 235.0];
 const POSSIBLE_FISHEYE_DEG: [f64; 2] = [10.0, 280.0];
-/// What a fisheye draws over what an equidistant one does (radius = angle), at the edge of what is used.
+/// Drawn radius of a fisheye relative to an equidistant one (radius = angle), at the edge of the
+/// used part.
 const USUAL_FISHEYE: [f64; 2] = [0.8, 1.25];
 const POSSIBLE_FISHEYE: [f64; 2] = [0.5, 2.0];
-/// fx over fy of square pixels, as far as calibrations are off: those of 27 real cameras by up to 0.022.
+/// fx over fy of square pixels with calibration errors: 27 real cameras have up to 0.022.
 const SQUARE: [f64; 2] = [0.95, 1.05];
-/// fx over fy beyond which no sensor or video format is.
+/// fx over fy outside any sensor or video format.
 const POSSIBLE_SHAPE: [f64; 2] = [0.45, 2.2];
-/// Widths over heights of the pixels of video formats that are not square, wide and not: of PAL and NTSC, by the norm (by
-/// players, which count all 720 columns, 2.2 % less), of HDV and of DVCPRO HD.
+/// Pixel aspect ratios of video formats without square pixels, normal and wide: of PAL and NTSC by
+/// the standard (players, which count all 720 columns, use 2.2 % less), of HDV and of DVCPRO HD.
 const PAL: [f64; 2] = [12.0 / 11.0, 16.0 / 11.0];
 const NTSC: [f64; 2] = [10.0 / 11.0, 40.0 / 33.0];
 const HDV: [f64; 1] = [4.0 / 3.0];
 const DVCPRO: [f64; 1] = [3.0 / 2.0];
 const SHAPE_TOLERANCE: f64 = 0.05;
-/// Distance of the principal point from the middle, as shares of width and height. Any is possible: that of a camera which
-/// reads a window of its sensor lies where the window was put.
+/// Usual distance of the principal point from the middle, as shares of width and height. Any
+/// distance is possible: for a camera that reads a window of its sensor it depends on the window.
 const USUAL_OFFSET: f64 = 0.15;
-/// Where an ideal pinhole draws the picture's edge over where the lens does, from the principal point: less is a lens
-/// that stretches its edges. Pincushion of a tenth is much; zooms have a few hundredths.
+/// Radius of the picture's edge in an ideal pinhole over that in the lens; less means a lens that
+/// stretches its edges. Pincushion of a tenth is much; zooms have a few hundredths.
 const USUAL_STRETCH: f64 = 0.85;
 const POSSIBLE_STRETCH: f64 = 0.75;
-/// The most that a barrel lens of OpenCV's model pulls in: beyond it the edges are extrapolated.
+/// Largest compression of a barrel lens in OpenCV's model; beyond it the edges are extrapolated.
 const USUAL_PULL: f64 = 3.0;
-/// Radial coefficients beyond this come from fits to too few pictures.
+/// Larger radial coefficients come from fits to too few pictures.
 const USUAL_RADIAL: f64 = 100.0;
-/// p1 and p2 beyond this are other coefficients in their place, or a fit to too few pictures. A lens whose middle stands aside by
-/// the share d of its focal length has tangential coefficients of about k1 d (what k1 |y|² y gains where y is moved by d): 0.01
-/// is a wide lens, of k1 0.3, a thirtieth of its focal length aside, a tenth of a millimetre. In fifteen calibrations of real
-/// lenses they are 0.0043 at most.
+/// Larger p1 and p2 are misplaced coefficients, or a fit to too few pictures. A lens whose centre
+/// is offset by the share d of its focal length has tangential coefficients of about k1 d (the
+/// change of k1 |y|² y when y moves by d). 0.01 means a wide lens, with k1 0.3, offset by a
+/// thirtieth of its focal length, a tenth of a millimetre. In fifteen calibrations of real lenses
+/// they are 0.0043 at most.
 const USUAL_TANGENTIAL: f64 = 0.01;
 
 pub(super) fn findings(camera: &CameraModel) -> Vec<Finding> {
@@ -92,7 +94,7 @@ fn severity(value: f64, usual: [f64; 2], possible: [f64; 2]) -> Option<Severity>
 fn field_of_view(camera: &CameraModel) -> Option<Finding> {
     let width_px = f64::from(camera.size_px()[0]);
     let fx_px = camera.intrinsics().fx_px;
-    // A fisheye's coefficients change little of what its focal length says.
+    // A fisheye's coefficients hardly change the view of its focal length.
     let (view_rad, usual, possible) = if camera.lens().is_fisheye() {
         (width_px / fx_px, USUAL_FISHEYE_DEG, POSSIBLE_FISHEYE_DEG)
     } else {
@@ -116,7 +118,7 @@ fn field_of_view(camera: &CameraModel) -> Option<Finding> {
     ))
 }
 
-/// Widths over heights of pixels that are not square, in the video formats with pictures of this width and height.
+/// Aspect ratios of nonsquare pixels in the video formats with this picture size.
 fn format_shapes(size_px: [u32; 2]) -> &'static [f64] {
     match size_px {
         [700..=720, 576] | [352..=360, 288] | [176..=180, 144] => &PAL,
@@ -130,7 +132,7 @@ fn format_shapes(size_px: [u32; 2]) -> &'static [f64] {
 fn pixel_shape(camera: &CameraModel) -> Option<Finding> {
     let Intrinsics { fx_px, fy_px, .. } = *camera.intrinsics();
     let ratio = fx_px / fy_px;
-    // fx counts pixels: wide ones are fewer.
+    // fx counts pixels: wide pixels give a smaller fx.
     let is_format = |shape: &f64| (ratio * shape - 1.0).abs() < SHAPE_TOLERANCE;
     if format_shapes(camera.size_px()).iter().any(is_format) {
         return None;
@@ -183,7 +185,7 @@ fn principal_point(camera: &CameraModel) -> Option<Finding> {
     ))
 }
 
-/// A fisheye whose coefficients bend the part that is used far from what any fisheye draws.
+/// A fisheye whose coefficients bend the used part far from any real fisheye.
 fn fisheye(camera: &CameraModel) -> Option<Finding> {
     let r = libm::tan(FISHEYE_HALF_VIEW_RAD);
     let drawn = camera.lens().draw_with_jacobian(Vector2::new(r, 0.0)).0.x;
@@ -201,7 +203,7 @@ fn fisheye(camera: &CameraModel) -> Option<Finding> {
     ))
 }
 
-/// What is surely wrong first; then that coefficients stand in each other's place, which may make the rest doubtful.
+/// First the surely wrong values; then misplaced coefficients, which may cause the rest.
 fn distorted(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
     let radial = distortion(camera, lens);
     match radial {
@@ -253,7 +255,7 @@ fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
     ))
 }
 
-/// A lens that would stand askew in its mount as none does.
+/// A lens with a larger tilt than any real mount.
 fn askew(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
     if is_tangential([lens.p1, lens.p2]) {
         return None;
@@ -275,13 +277,13 @@ fn askew(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
     ))
 }
 
-/// Whether these may be the tangential coefficients of a lens.
+/// Whether these are plausible tangential coefficients.
 fn is_tangential(pair: [f64; 2]) -> bool {
     pair.iter().all(|p| p.abs() <= USUAL_TANGENTIAL)
 }
 
-/// In which other order coefficients of which these are no tangential ones may stand, for the end of a clause. Of four numbers
-/// the fifth is zero, and a lens has no p1 without a p2.
+/// The probable order of misplaced coefficients, as the end of a clause. For four numbers the fifth
+/// is zero, and a lens has no p1 without a p2.
 fn likely_order(lens: &Distortion) -> String {
     let Distortion {
         k1, k2, p1, p2, k3, ..
@@ -302,8 +304,7 @@ fn likely_order(lens: &Distortion) -> String {
     }
 }
 
-/// Distance from the principal point of what a pinhole would draw over that of what the lens draws, at the corners and
-/// the middles of the picture's edges.
+/// Radius in the pinhole over radius in the lens, at the corners and edge centres of the picture.
 fn edge_pulls(camera: &CameraModel) -> Vec<f64> {
     let [width_px, height_px] = camera.size_px().map(f64::from);
     let Intrinsics { cx_px, cy_px, .. } = *camera.intrinsics();

@@ -1,9 +1,9 @@
-//! Whether a venue's calibration can be true, told from its numbers alone: before anybody has walked, before a source is
-//! opened.
+//! Checks a venue's calibration from its numbers alone, before any source is opened.
 //!
-//! Read [`of_venue`] first. A finding is [`Severity::Wrong`] where no run can be right with it, and is then refused;
-//! where there are halls in which it is as it says, it is [`Severity::Doubtful`], and said. What only people show (videos
-//! of two cameras swapped, one that is late, a camera that was moved) is not looked for here.
+//! Read [`of_venue`] first. A finding is [`Severity::Wrong`] if no run can be correct with it; the
+//! calibration is then refused. It is [`Severity::Doubtful`] if it is correct in some venues; it is
+//! then reported. Mistakes that only people reveal (swapped videos, a late camera, a moved camera)
+//! are not checked here.
 
 mod cause;
 mod conventions;
@@ -24,7 +24,8 @@ pub use self::places::{FAR_ORIGIN_M, pose_step_mm};
 pub use self::upright::looks_over_heads;
 pub use crate::finding::Severity;
 
-/// All that speaks against the calibration of `venue`, what is wrong first, then in the order of its cameras.
+/// All findings about the calibration of `venue`, wrong ones first, then in the order of its
+/// cameras.
 pub fn of_venue(venue: &Venue) -> Vec<Finding> {
     let sights: Vec<Sight> = venue.cameras.iter().map(Sight::of).collect();
     let seen = coverage(venue);
@@ -38,7 +39,7 @@ pub fn of_venue(venue: &Venue) -> Vec<Finding> {
     let mut stand = standing(&sights, &venue.field);
     stand.extend(coverage::findings(venue, &seen));
     if let Some(finding) = conventions::of_all(venue, &stand) {
-        // One cause; what follows from it would only hide it.
+        // One cause; its consequences would only hide it.
         stand.clear();
         stand.push(finding);
     } else {
@@ -50,8 +51,8 @@ pub fn of_venue(venue: &Venue) -> Vec<Finding> {
     findings
 }
 
-/// What speaks against rotations as they are written: the same vector in degrees is another rotation. Longer ones than
-/// two half turns are no calibration at all ([`Calibration::parse`]).
+/// Findings about rotation vectors: the same vector in degrees is another rotation. Vectors longer
+/// than a full turn are refused earlier ([`Calibration::parse`]).
 pub fn of_rotations(calibration: &Calibration) -> Vec<Finding> {
     let long = calibration
         .rotation_lengths_rad
@@ -68,7 +69,8 @@ pub fn of_rotations(calibration: &Calibration) -> Vec<Finding> {
     .collect()
 }
 
-/// What speaks against pictures of `found_px` (width, height) for `camera`, which was calibrated with others.
+/// The finding about pictures of `found_px` (width, height) for `camera`, which was calibrated with
+/// another size.
 pub fn of_picture_size(camera: &CameraModel, found_px: [u32; 2]) -> Option<Finding> {
     let [width, height] = camera.size_px();
     if found_px == [width, height] {
@@ -101,7 +103,8 @@ pub fn of_picture_size(camera: &CameraModel, found_px: [u32; 2]) -> Option<Findi
     })
 }
 
-/// The share of a camera's picture that is used, 0 to 1: less than all of a fisheye's that sees more than 120 degrees.
+/// The used share of a camera's picture, 0 to 1: below 1 for a fisheye that sees more than 120
+/// degrees.
 pub fn used_share(camera: &CameraModel) -> f64 {
     const SIDE: u32 = 64;
     let [width, height] = camera.size_px().map(f64::from);
@@ -113,15 +116,15 @@ pub fn used_share(camera: &CameraModel) -> f64 {
     used.count() as f64 / f64::from(SIDE * SIDE)
 }
 
-/// Where a camera stands and how it is turned, in the axes of the world.
+/// Position and orientation of a camera, in the axes of the world.
 #[derive(Debug, Clone)]
 struct Sight {
     name: String,
-    /// Whether a network looks at its pictures.
+    /// Whether a network processes its pictures.
     has_pictures: bool,
     viewpoint: usize,
     center_m: [f64; 3],
-    /// Where the picture's right, its upper edge and its middle point, unit vectors.
+    /// Directions of the picture's right, its upper edge and its middle, unit vectors.
     right: [f64; 3],
     up: [f64; 3],
     forward: [f64; 3],
@@ -156,10 +159,10 @@ impl Sight {
     }
 }
 
-/// What speaks against how the cameras stand.
+/// Findings about the poses of the cameras.
 fn standing(sights: &[Sight], field: &Field) -> Vec<Finding> {
     let mut findings = upright::findings(sights, field);
-    // In a world that lies on its side heights say nothing.
+    // If the world has another axis up, heights have no meaning.
     if !findings.iter().any(|it| it.cause == Cause::WorldAxes) {
         findings.extend(places::heights(sights, field));
     }

@@ -1,4 +1,4 @@
-//! Whether cameras stand where cameras can: heights, distances, units of length.
+//! Checks camera positions: heights, distances, units of length.
 
 use std::collections::BTreeMap;
 
@@ -6,43 +6,45 @@ use crate::venue::Field;
 
 use super::{Cause, Finding, Severity, Sight};
 
-/// How far below the floor the origin of a world may put a camera that stands on it, metres.
+/// Largest depth below the floor, from the choice of the world's origin, of a camera that stands on
+/// it, metres.
 const FLOOR_TOLERANCE_M: f64 = 0.2;
-/// No stage or pit is deeper, metres.
+/// Largest depth of a stage or pit, metres.
 const DEEPEST_M: f64 = 5.0;
-/// Heights of cameras, metres: the roof of a large hall, and what no building has.
+/// Heights of cameras, metres: the roof of a large hall, and the limit of any building.
 const HIGH_M: f64 = 60.0;
 const HIGHEST_M: f64 = 200.0;
-/// Lower than this stands no tripod, metres.
+/// Lowest tripod, metres.
 const LOW_M: f64 = 0.2;
-/// Where cameras are at this height one on the floor is odd, metres.
+/// If the cameras have this height, one on the floor is suspect, metres.
 const USUAL_HEIGHT_M: f64 = 1.0;
-/// A venue is larger, metres; and what cannot be one at all.
+/// Smallest venue, metres; and the limit below which it is impossible.
 const NARROW_M: f64 = 0.5;
 const POINT_M: f64 = 0.02;
 /// Few venues are wider, metres.
 const WIDE_M: f64 = 300.0;
-/// Cameras of two viewpoints that are nearer stand at one place, metres.
+/// Cameras of two viewpoints closer than this are at one place, metres.
 const SAME_PLACE_M: f64 = 0.01;
-/// Cameras of one viewpoint that are nearer have the same numbers, metres.
+/// Cameras of one viewpoint closer than this have the same numbers, metres.
 const COPIED_M: f64 = 1e-6;
-/// Cameras of one viewpoint that are farther apart are not at one corner, metres: a mast, a truss or a box with its cameras
-/// is smaller.
+/// Largest distance between cameras at one corner, metres: masts, trusses and camera boxes are
+/// smaller.
 const ONE_CORNER_M: f64 = 3.0;
-/// Cosine of an angle of about 0.2 degrees: turned alike.
+/// Cosine of an angle of about 0.2 degrees: the same orientation.
 const ALIKE: f64 = 0.999_99;
-/// How far the field reaches beyond the cameras when nobody has said how far, metres.
+/// Margin of the default field around the cameras, metres.
 const MARGIN_M: f64 = 5.0;
 
-/// From here on poses, whose numbers have 32 bits, have steps of 1 mm, metres.
+/// Beyond this distance, poses in 32 bit numbers have steps of 1 mm, metres.
 pub const FAR_ORIGIN_M: f64 = 8192.0;
 
-/// The steps of poses so far from the origin, millimetres: a number of 32 bits has 24 for its value.
+/// The step of poses at this distance from the origin, millimetres: a 32 bit number has 24 bits for
+/// its value.
 pub fn pose_step_mm(away_m: f64) -> f64 {
     libm::exp2(libm::floor(libm::log2(away_m.max(1.0))) - 23.0) * 1e3
 }
 
-/// Whether all cameras stand far from the origin.
+/// Whether all cameras are far from the origin.
 pub(super) fn origin(sights: &[Sight]) -> Option<Finding> {
     let away_m = |sight: &Sight| {
         let [x, y, z] = sight.center_m;
@@ -93,7 +95,7 @@ fn of_camera(sight: &Sight, cause: Cause, severity: Severity, found: String) -> 
 }
 
 pub(super) fn heights(sights: &[Sight], field: &Field) -> Vec<Finding> {
-    // Those who film a stage may stand lower than it.
+    // Cameras that film a stage may be lower than it.
     let floor_m = field.floor_m.min(0.0);
     let height_m = |sight: &Sight| sight.center_m[2] - floor_m;
     let below = sights
@@ -137,7 +139,8 @@ pub(super) fn distances(sights: &[Sight]) -> Vec<Finding> {
     if found.iter().any(Finding::is_wrong) {
         return found;
     }
-    // In too small a unit cameras that stand apart seem to stand at one place, in too large a one those of a mast far apart.
+    // In too small a unit separate cameras seem to be at one place; in too large a one those of a
+    // mast seem far apart.
     match units(sights) {
         Some(finding) if found.is_empty() || finding.is_wrong() => vec![finding],
         _ => {
@@ -164,7 +167,7 @@ fn same_places(sights: &[Sight]) -> Vec<Finding> {
         let (severity, how) = match (is_alike, a.viewpoint == b.viewpoint) {
             (false, true) => continue,
             (true, false) => (Severity::Wrong, "at the same place, turned alike, as"),
-            // Twins on one mast look alike; no two have the same numbers.
+            // Twins on one mast have the same orientation, but never the same numbers.
             (true, true) if distance_m(a, b) > COPIED_M => continue,
             (true, true) => (Severity::Doubtful, "at the same place, turned alike, as"),
             (false, false) => (Severity::Doubtful, "at the same place as"),
@@ -182,9 +185,10 @@ fn same_places(sights: &[Sight]) -> Vec<Finding> {
     findings
 }
 
-/// Cameras that were given to one viewpoint though they stand apart: of each such viewpoint the two that are farthest.
+/// Cameras of one viewpoint that are far apart: for each such viewpoint the two with the largest
+/// distance.
 fn scattered_viewpoints(sights: &[Sight]) -> Vec<Finding> {
-    // That a viewpoint is the only one is told, and mended, alike.
+    // A single viewpoint has the same finding and remedy.
     if !viewpoints_differ(sights) {
         return Vec::new();
     }
@@ -246,7 +250,7 @@ fn units(sights: &[Sight]) -> Option<Finding> {
     })
 }
 
-/// The field that a venue with these cameras has by default.
+/// The default field of a venue with these cameras.
 pub(super) fn around(sights: &[Sight], heights: &Field) -> Field {
     let mut field = *heights;
     for axis in 0..2 {

@@ -1,4 +1,4 @@
-//! A hall that is as it should be, and one mistake after the other in it.
+//! A valid hall, and variants with one mistake each.
 
 mod conventions;
 mod field;
@@ -20,18 +20,19 @@ use crate::venue::GivenPerson;
 /// A camera as a calibration describes it.
 #[derive(Clone)]
 struct Given {
-    /// Where it stands, metres.
+    /// Position, metres.
     center_m: Vector3<f64>,
     /// World to camera.
     rotation: Matrix3<f64>,
     intrinsics: Intrinsics,
     distortion: Distortion,
-    /// Instead of `distortion`: k1 to k4.
+    /// Replaces `distortion`: k1 to k4.
     fisheye: Option<[f64; 4]>,
     size_px: [u32; 2],
 }
 
-/// Turns the world's axes to those of a camera at `center_m` that looks at `at_m`, upright.
+/// The rotation from the world's axes to those of an upright camera at `center_m` that looks at
+/// `at_m`.
 fn looking(center_m: Vector3<f64>, at_m: Vector3<f64>) -> Matrix3<f64> {
     let forward = (at_m - center_m).normalize();
     let right = forward.cross(&Vector3::z()).normalize();
@@ -39,7 +40,7 @@ fn looking(center_m: Vector3<f64>, at_m: Vector3<f64>) -> Matrix3<f64> {
     Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()])
 }
 
-/// Four cameras in the corners of a hall of 12 x 8 m, which look at its middle.
+/// Four cameras in the corners of a hall of 12 x 8 m that look at its middle.
 fn hall() -> Vec<Given> {
     let corners = [(6.0, 4.0), (-6.0, 4.0), (-6.0, -4.0), (6.0, -4.0)];
     let given = |(x, y): (f64, f64)| {
@@ -101,11 +102,11 @@ fn venue(cameras: &[Given], viewpoints: usize) -> Venue {
     Venue::parse(&text, Path::new("hall.toml"), calibration).unwrap()
 }
 
-fn said(cameras: &[Given]) -> Vec<Finding> {
+fn findings(cameras: &[Given]) -> Vec<Finding> {
     of_venue(&venue(cameras, cameras.len()))
 }
 
-/// Turns the whole world: what stood at p stands at `turn` p.
+/// Turns the whole world: a point p moves to `turn` p.
 fn turned(turn: Matrix3<f64>) -> Vec<Given> {
     let mut cameras = hall();
     for camera in &mut cameras {
@@ -115,37 +116,37 @@ fn turned(turn: Matrix3<f64>) -> Vec<Given> {
     cameras
 }
 
-/// The hall with one thing changed at its second camera.
+/// The hall with a change to its second camera.
 fn with(change: impl FnOnce(&mut Given)) -> Vec<Given> {
     let mut cameras = hall();
     change(&mut cameras[1]);
     cameras
 }
 
-/// The camera's picture, turned about its axis.
+/// Turns the camera's picture about its axis.
 fn roll(camera: &mut Given, angle_deg: f64) {
     let about_axis = Rotation3::from_axis_angle(&Vector3::z_axis(), angle_deg.to_radians());
     camera.rotation = about_axis.matrix() * camera.rotation;
 }
 
 #[test]
-fn a_hall_that_is_as_it_should_be_gives_no_word() {
-    assert_eq!(said(&hall()), []);
+fn a_valid_hall_has_no_findings() {
+    assert_eq!(findings(&hall()), []);
     assert!(coverage(&venue(&hall(), 4)).by_two > 0.8);
 }
 
-/// A hall, and what must be said of it: the cause, how much it says, the camera.
+/// A hall and its expected finding: cause, severity, camera.
 type Case = (
     &'static str,
     Vec<Given>,
     (Cause, Severity, Option<&'static str>),
 );
 
-/// Looks whether each of `cases` is named by its cause and its camera.
+/// Checks that each of `cases` has its cause and its camera.
 fn check(cases: Vec<Case>) {
     let mut faults = Vec::new();
     for (what, cameras, expected) in cases {
-        let findings = said(&cameras);
+        let findings = findings(&cameras);
         let mut named = findings
             .iter()
             .map(|it| (it.cause, it.severity, it.camera.as_deref()));
@@ -167,7 +168,7 @@ fn with_all(change: impl Fn(&mut Given)) -> Vec<Given> {
     cameras
 }
 
-/// The hall with its second camera put where the first is.
+/// The hall with its second camera at the place of the first.
 fn with_copy(change: impl FnOnce(&mut Given)) -> Vec<Given> {
     let mut cameras = hall();
     cameras[1] = cameras[0].clone();
@@ -178,7 +179,7 @@ fn with_copy(change: impl FnOnce(&mut Given)) -> Vec<Given> {
 const ONE: Option<&str> = Some("c1");
 
 #[test]
-fn a_world_whose_z_is_not_up_is_named() {
+fn a_world_with_another_axis_up_is_reported() {
     let turn = |rows: [f64; 9]| turned(Matrix3::from_row_slice(&rows));
     let wrong = (Cause::WorldAxes, Severity::Wrong, None);
     let inverse = |camera: &mut Given| {
@@ -218,7 +219,7 @@ fn a_world_whose_z_is_not_up_is_named() {
 }
 
 #[test]
-fn a_camera_where_no_camera_is_is_named() {
+fn a_camera_at_an_impossible_place_is_reported() {
     use Severity::{Doubtful, Wrong};
     let height = |m: f64| with(|it| it.center_m.z = m);
     let away = |it: &mut Given| it.rotation = looking(it.center_m, it.center_m * 2.0);
@@ -291,22 +292,22 @@ fn a_camera_where_no_camera_is_is_named() {
 }
 
 #[test]
-fn what_is_wrong_comes_before_what_is_doubtful() {
+fn wrong_findings_come_before_suspect_ones() {
     let mut cameras = hall();
     roll(&mut cameras[0], 180.0);
     cameras[3].distortion.k1 = 5.0;
-    let findings = said(&cameras);
+    let findings = findings(&cameras);
     let causes: Vec<Cause> = findings.iter().map(|it| it.cause).collect();
     assert_eq!(causes, [Cause::Distortion, Cause::UpsideDown]);
 }
 
 #[test]
-fn cameras_that_do_not_agree_on_up_are_told_of_together() {
+fn cameras_that_disagree_on_up_give_one_finding() {
     let mut cameras = hall();
     for (camera, angle_deg) in cameras.iter_mut().zip([180.0, 90.0, -90.0, 0.0]) {
         roll(camera, angle_deg);
     }
-    let findings = said(&cameras);
+    let findings = findings(&cameras);
     assert_eq!(findings.len(), 1, "{findings:?}");
     assert!(
         findings[0]
@@ -316,19 +317,19 @@ fn cameras_that_do_not_agree_on_up_are_told_of_together() {
 }
 
 #[test]
-fn one_viewpoint_alone_is_wrong_and_doubted_where_somebody_is_given() {
+fn a_single_viewpoint_is_wrong_or_suspect_with_given_people() {
     let mut alone = venue(&hall(), 1);
-    let told = |venue: &Venue| {
+    let finding = |venue: &Venue| {
         let findings = of_venue(venue);
         assert_eq!(findings.len(), 1, "{findings:?}");
         (findings[0].cause, findings[0].severity)
     };
-    assert_eq!(told(&alone), (Cause::OneViewpoint, Severity::Wrong));
+    assert_eq!(finding(&alone), (Cause::OneViewpoint, Severity::Wrong));
     alone.given_persons.push(GivenPerson {
         tick: Tick(0),
         keypoints_m: BTreeMap::new(),
     });
-    assert_eq!(told(&alone), (Cause::OneViewpoint, Severity::Doubtful));
+    assert_eq!(finding(&alone), (Cause::OneViewpoint, Severity::Doubtful));
 }
 
 /// The hall with its last camera in the viewpoint of the one before, `apart_m` from it.
@@ -340,8 +341,8 @@ fn with_neighbours(apart_m: f64) -> Vec<Finding> {
 }
 
 #[test]
-fn cameras_of_two_corners_in_one_viewpoint_are_doubted() {
-    for (apart_m, told) in [(12.0, "12.0 m"), (3.2, "3.2 m")] {
+fn distant_cameras_in_one_viewpoint_are_suspect() {
+    for (apart_m, distance) in [(12.0, "12.0 m"), (3.2, "3.2 m")] {
         let findings = with_neighbours(apart_m);
         assert_eq!(findings.len(), 1, "{findings:?}");
         assert_eq!(findings[0].cause, Cause::ViewpointApart);
@@ -349,7 +350,7 @@ fn cameras_of_two_corners_in_one_viewpoint_are_doubted() {
         let text = findings[0].to_string();
         for words in [
             "camera `c3`",
-            told,
+            distance,
             "from `c2`",
             "a viewpoint is one corner",
             "[[viewpoint]]",
@@ -360,14 +361,14 @@ fn cameras_of_two_corners_in_one_viewpoint_are_doubted() {
 }
 
 #[test]
-fn cameras_side_by_side_in_one_viewpoint_give_no_word() {
+fn close_cameras_in_one_viewpoint_have_no_findings() {
     for apart_m in [0.1, 1.0, 2.8] {
         assert_eq!(with_neighbours(apart_m), [], "{apart_m}");
     }
 }
 
 #[test]
-fn of_a_viewpoint_the_cameras_that_are_farthest_apart_are_named_once() {
+fn the_most_distant_cameras_of_a_viewpoint_are_reported_once() {
     let findings = of_venue(&venue(&hall(), 2));
     assert_eq!(findings.len(), 1, "{findings:?}");
     let text = findings[0].to_string();
@@ -378,21 +379,21 @@ fn of_a_viewpoint_the_cameras_that_are_farthest_apart_are_named_once() {
 }
 
 #[test]
-fn two_cameras_on_one_mast_and_one_overhead_give_no_word() {
+fn cameras_on_one_mast_and_overhead_have_no_findings() {
     let mut cameras = hall();
-    let mut beside = cameras[3].clone();
-    beside.rotation = looking(beside.center_m, Vector3::new(-3.0, 2.0, 0.0));
+    let mut twin = cameras[3].clone();
+    twin.rotation = looking(twin.center_m, Vector3::new(-3.0, 2.0, 0.0));
     let mut overhead = cameras[0].clone();
     overhead.center_m = Vector3::new(0.0, 0.0, 9.0);
     overhead.rotation = looking(overhead.center_m, Vector3::new(0.01, 0.0, 0.0));
     cameras.insert(0, overhead);
-    cameras.push(beside);
+    cameras.push(twin);
     // The last two are of one viewpoint.
     assert_eq!(of_venue(&venue(&cameras, 5)), []);
 }
 
 #[test]
-fn twins_on_one_mast_give_no_word_and_a_copy_does() {
+fn a_copied_camera_is_suspect_but_twins_on_a_mast_are_not() {
     let mut cameras = hall();
     cameras.push(cameras[3].clone());
     let copied = of_venue(&venue(&cameras, 4));
@@ -406,7 +407,7 @@ fn twins_on_one_mast_give_no_word_and_a_copy_does() {
 }
 
 #[test]
-fn anamorphic_pixels_of_a_video_format_are_believed() {
+fn anamorphic_pixels_of_a_video_format_are_accepted() {
     let hdv = with(|it| {
         it.size_px = [1440, 1080];
         it.intrinsics = Intrinsics {
@@ -416,22 +417,22 @@ fn anamorphic_pixels_of_a_video_format_are_believed() {
             cy_px: 532.0,
         };
     });
-    assert_eq!(said(&hdv), []);
+    assert_eq!(findings(&hdv), []);
 }
 
 #[test]
-fn long_rotations_are_doubted() {
+fn long_rotations_are_suspect() {
     let calibration = Calibration {
         cameras: std::collections::BTreeMap::new(),
         hash: String::new(),
         rotation_lengths_rad: [("a".to_owned(), 3.1), ("b".to_owned(), 5.2)].into(),
     };
-    let said: Vec<String> = of_rotations(&calibration)
+    let lines: Vec<String> = of_rotations(&calibration)
         .iter()
         .map(Finding::to_string)
         .collect();
     assert_eq!(
-        said,
+        lines,
         [
             "camera `b`: `rotation` is a vector of length 5.20, expected radians, at most 3.14; if these are degrees, multiply them by 0.017453"
         ]
@@ -439,7 +440,7 @@ fn long_rotations_are_doubted() {
 }
 
 #[test]
-fn pictures_of_another_size_are_told_how_they_differ() {
+fn pictures_of_another_size_get_a_matching_remedy() {
     let venue = venue(&hall(), 4);
     let remedy = |found_px| of_picture_size(&venue.cameras[0].model, found_px).map(|it| it.remedy);
     assert_eq!(remedy([1280, 720]), None);
@@ -461,10 +462,10 @@ fn with_fisheye(focal_px: f64, k: [f64; 4]) -> Vec<Given> {
 }
 
 #[test]
-fn a_fisheye_in_a_corner_is_nothing_to_speak_of() {
+fn a_fisheye_in_a_corner_has_no_findings() {
     // 183 degrees across, of which the middle is used.
     let cameras = with_fisheye(400.0, [-0.02, 0.005, -0.002, 0.0003]);
-    assert_eq!(said(&cameras), []);
+    assert_eq!(findings(&cameras), []);
     let venue = venue(&cameras, 4);
     let shares: Vec<f64> = venue
         .cameras
@@ -477,10 +478,10 @@ fn a_fisheye_in_a_corner_is_nothing_to_speak_of() {
 }
 
 #[test]
-fn fisheyes_that_draw_as_none_does_are_told_of() {
+fn fisheyes_with_implausible_distortion_are_reported() {
     let plain = with_fisheye(2000.0, [0.0; 4]);
     let causes = |cameras: &[Given]| -> Vec<_> {
-        let findings = said(cameras);
+        let findings = findings(cameras);
         findings.iter().map(|it| (it.cause, it.severity)).collect()
     };
     assert!(causes(&plain).contains(&(Cause::FieldOfView, Severity::Doubtful)));

@@ -1,32 +1,33 @@
-//! Which way is up: cameras are hung with their pictures upright, so most of them say it.
+//! The vertical axis: most cameras are mounted with upright pictures, so most of them show it.
 
 use crate::venue::Field;
 
 use super::{Cause, Finding, Severity, Sight};
 
-/// Sine of how far a camera may be rolled and still count as upright: 30 degrees.
+/// Sine of the largest roll of an upright camera: 30 degrees.
 const ROLLED: f64 = 0.5;
-/// Cosine between a picture's upward direction and the vertical that an upright camera has at least.
+/// Minimum cosine between an upright camera's picture direction up and the vertical.
 const UPWARD: f64 = 0.3;
 /// A camera that looks within about 20 degrees of the vertical has no upward direction.
 const OVERHEAD: f64 = 0.94;
-/// Share of the cameras that must agree on another vertical before the world is said to be turned.
+/// Share of the cameras that must agree on another vertical before the world counts as turned.
 const AGREED: f64 = 0.75;
-/// Cosine of the angle between the views of two cameras that look from different sides.
+/// Cosine of the angle between the views of two cameras from different sides.
 const SIDES: f64 = 0.5;
 
-/// From how high on cameras look down at people, metres above the floor, and the sine of how far up one looks that does not:
-/// 3 degrees.
+/// Height above which cameras look down at people, metres above the floor; and the sine of the
+/// upward angle, 3 degrees, above which a camera looks up.
 const OVER_HEADS_M: f64 = 1.5;
 const LOOKS_UP: f64 = 0.05;
 
-/// Whether a camera, so high above the floor (metres) and with this z of the direction in which it looks (unit vector), hangs above
-/// people's heads and looks up: one that is right does not, where it films people.
+/// Whether a camera at this height above the floor (metres), with this z of its viewing direction
+/// (unit vector), is above people's heads and looks up. A correct camera that films people does
+/// not.
 pub fn looks_over_heads(above_floor_m: f64, forward_z: f64) -> bool {
     above_floor_m > OVER_HEADS_M && forward_z > LOOKS_UP
 }
 
-/// The directions that a world's up is written in, by the words for them.
+/// The possible up directions of a world, by name.
 const AXES: [(&str, [f64; 3]); 5] = [
     ("-z", [0.0, 0.0, -1.0]),
     ("+y", [0.0, 1.0, 0.0]),
@@ -40,7 +41,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Whether the picture is upright where `axis` is up.
+/// Whether the picture is upright if `axis` is up.
 fn is_upright(sight: &Sight, axis: [f64; 3]) -> bool {
     dot(sight.right, axis).abs() < ROLLED && dot(sight.up, axis) > UPWARD
 }
@@ -52,7 +53,7 @@ fn has_upward(sight: &Sight) -> bool {
 pub(super) fn findings(sights: &[Sight], field: &Field) -> Vec<Finding> {
     let upright = |axis: [f64; 3]| sights.iter().filter(|it| is_upright(it, axis)).count();
     let judged = sights.iter().filter(|it| has_upward(it)).count();
-    // A camera that looks straight down is as upright as one wants.
+    // A camera that looks straight down counts as upright.
     if sights.len() >= 2 && 2 * (upright(Z) + sights.len() - judged) < sights.len() {
         let (name, axis, count) = AXES
             .into_iter()
@@ -71,8 +72,8 @@ pub(super) fn findings(sights: &[Sight], field: &Field) -> Vec<Finding> {
     rolled.chain(looking_up(sights, field)).collect()
 }
 
-/// All cameras hang above people's heads and look up. Of places in a plane the mirror image fits as well, and from it cameras
-/// that are upright look at the other side of the horizon.
+/// All cameras are above people's heads and look up. For places in a plane the mirror image fits
+/// equally well, and from it upright cameras look at the other side of the horizon.
 fn looking_up(sights: &[Sight], field: &Field) -> Option<Finding> {
     let looks_up =
         |sight: &Sight| looks_over_heads(sight.center_m[2] - field.floor_m, sight.forward[2]);
@@ -88,7 +89,7 @@ fn looking_up(sights: &[Sight], field: &Field) -> Option<Finding> {
     })
 }
 
-/// The world has `axis` up; `None` where it is rather the cameras that hang upside down.
+/// The world has `axis` up; `None` if the cameras are rather mounted upside down.
 fn turned_world(
     sights: &[Sight],
     field: &Field,
@@ -102,7 +103,7 @@ fn turned_world(
     if is_down && 2 * below < sights.len() {
         return None;
     }
-    // From one side, cameras that lie on theirs look like a turned world.
+    // Cameras from one side that lie on their sides look like a turned world.
     let sides = sights
         .iter()
         .any(|a| sights.iter().any(|b| dot(a.forward, b.forward) < SIDES));
@@ -153,9 +154,9 @@ fn rolled(sight: &Sight) -> Option<Finding> {
     if !has_upward(sight) || is_upright(sight, Z) {
         return None;
     }
-    // The vertical as the picture shows it: its angle to the picture's upper edge.
+    // The vertical in the picture: its angle to the picture's upper edge.
     let roll_deg = libm::atan2(dot(sight.right, Z), dot(sight.up, Z)).to_degrees();
-    // Pictures that show up to the right were turned clockwise, and are turned back the other way.
+    // Pictures with up to the right were turned clockwise, and are turned back counterclockwise.
     let (cause, found, turn_deg, filter) = match roll_deg.abs() {
         135.0.. => (
             Cause::UpsideDown,

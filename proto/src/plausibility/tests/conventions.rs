@@ -1,4 +1,4 @@
-//! Cameras that are written as another program writes them.
+//! Cameras in the conventions of other programs.
 
 use super::*;
 
@@ -19,7 +19,7 @@ fn pose_of_turned_axes(camera: &mut Given) {
 }
 
 #[test]
-fn the_convention_of_another_program_is_named_of_all_cameras() {
+fn another_convention_of_all_cameras_is_recognised() {
     use Severity::Wrong;
     check(vec![
         ("pose", with_all(pose), (Cause::Backwards, Wrong, None)),
@@ -37,19 +37,19 @@ fn the_convention_of_another_program_is_named_of_all_cameras() {
 }
 
 #[test]
-fn a_camera_in_the_convention_of_another_program_is_named_with_what_mends_it() {
-    let said = said(&with(turned_axes));
-    // That it is upside down and looks away follows, and turning its pictures would mend nothing.
-    assert_eq!(said.len(), 1, "{said:?}");
+fn another_convention_of_one_camera_is_recognised_with_its_remedy() {
+    let found = findings(&with(turned_axes));
+    // Upside down and looking away follow from it, and a turn of its pictures would not help.
+    assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(
-        (said[0].cause, said[0].severity),
+        (found[0].cause, found[0].severity),
         (Cause::CameraAxes, Severity::Doubtful)
     );
-    assert_eq!(said[0].camera.as_deref(), ONE);
+    assert_eq!(found[0].camera.as_deref(), ONE);
     assert!(
-        said[0].remedy.contains("second and third row"),
+        found[0].remedy.contains("second and third row"),
         "{}",
-        said[0]
+        found[0]
     );
     check(vec![
         (
@@ -66,9 +66,9 @@ fn a_camera_in_the_convention_of_another_program_is_named_with_what_mends_it() {
 }
 
 #[test]
-fn a_camera_that_is_hung_upside_down_or_looks_away_is_none_of_another_program() {
-    let hung = said(&with(|it| roll(it, 180.0)));
-    let away = said(&with(|it| {
+fn a_camera_upside_down_is_not_taken_for_another_convention() {
+    let hung = findings(&with(|it| roll(it, 180.0)));
+    let away = findings(&with(|it| {
         it.rotation = looking(it.center_m, it.center_m * 2.0);
     }));
     assert!(!hung.is_empty() && !away.is_empty(), "{hung:?} {away:?}");

@@ -1,8 +1,8 @@
-//! Lenses that are none, and those that only look like it.
+//! Impossible lenses, and unusual but valid ones.
 
 use super::*;
 
-/// The hall with these `distortions` of its second camera, in the order of a calibration.
+/// The hall with these `distortions` for its second camera, in the order of a calibration.
 fn lens(distortions: impl AsRef<[f64]>) -> Vec<Given> {
     let of = |i: usize| distortions.as_ref().get(i).copied().unwrap_or(0.0);
     with(|it| {
@@ -20,7 +20,7 @@ fn lens(distortions: impl AsRef<[f64]>) -> Vec<Given> {
 }
 
 #[test]
-fn a_focal_length_that_is_wrong_along_one_axis_alone_is_named() {
+fn a_focal_length_wrong_along_one_axis_is_reported() {
     let pinhole = |change: fn(&mut Intrinsics)| with(|it| change(&mut it.intrinsics));
     let found = (Cause::PixelShape, Severity::Doubtful, ONE);
     check(vec![
@@ -30,7 +30,7 @@ fn a_focal_length_that_is_wrong_along_one_axis_alone_is_named() {
 }
 
 #[test]
-fn a_lens_that_is_none_is_named() {
+fn an_impossible_lens_is_reported() {
     use Severity::{Doubtful, Wrong};
     let pinhole = |change: fn(&mut Intrinsics)| with(|it| change(&mut it.intrinsics));
     let doubtful = (Cause::Distortion, Doubtful, ONE);
@@ -72,7 +72,7 @@ fn a_lens_that_is_none_is_named() {
                 (it.fx_px, it.fy_px) = (2.0 * it.fx_px, 2.0 * it.fy_px);
                 (it.cx_px, it.cy_px) = (2.0 * it.cx_px, 2.0 * it.cy_px);
             }),
-            // So does a window in the corner of a sensor.
+            // A window in the corner of a sensor has the same effect.
             (Cause::PrincipalPoint, Doubtful, ONE),
         ),
         (
@@ -108,7 +108,8 @@ fn a_lens_that_is_none_is_named() {
     ]);
 }
 
-/// The hall with pictures of `size_px` of its second camera, whose pixels are `shape` times as wide as high.
+/// The hall with pictures of `size_px` for its second camera, whose pixels are `shape` times as
+/// wide as high.
 fn with_pixels(size_px: [u32; 2], shape: f64) -> Vec<Given> {
     with(|it| {
         let [width_px, height_px] = size_px.map(f64::from);
@@ -123,13 +124,13 @@ fn with_pixels(size_px: [u32; 2], shape: f64) -> Vec<Given> {
 }
 
 #[test]
-fn pixels_that_are_not_square_are_believed_in_pictures_of_their_video_format() {
+fn nonsquare_pixels_are_accepted_in_their_video_format() {
     let (pal, ntsc) = (12.0 / 11.0, 10.0 / 11.0);
     let formats = [
         ([720, 576], pal),
         ([704, 576], pal),
         ([352, 288], pal),
-        // As players have it, and wide.
+        // As in players, and wide.
         ([720, 576], 16.0 / 15.0),
         ([720, 576], 16.0 / 11.0),
         ([720, 480], ntsc),
@@ -140,7 +141,7 @@ fn pixels_that_are_not_square_are_believed_in_pictures_of_their_video_format() {
         ([1440, 1080], 4.0 / 3.0),
         ([960, 720], 4.0 / 3.0),
         ([1280, 1080], 3.0 / 2.0),
-        // Square ones, as calibrations are off.
+        // Square pixels with calibration errors.
         ([720, 576], 1.0),
         ([1440, 1080], 1.0),
         ([1920, 1080], 1.03),
@@ -148,7 +149,7 @@ fn pixels_that_are_not_square_are_believed_in_pictures_of_their_video_format() {
     ];
     for (size_px, shape) in formats {
         assert_eq!(
-            said(&with_pixels(size_px, shape)),
+            findings(&with_pixels(size_px, shape)),
             [],
             "{size_px:?} {shape}"
         );
@@ -156,7 +157,7 @@ fn pixels_that_are_not_square_are_believed_in_pictures_of_their_video_format() {
 }
 
 #[test]
-fn pixels_of_another_video_format_are_doubted() {
+fn pixels_of_another_video_format_are_suspect() {
     let (pal, ntsc) = (12.0 / 11.0, 10.0 / 11.0);
     let others = [
         ([1920, 1080], pal),
@@ -169,7 +170,7 @@ fn pixels_of_another_video_format_are_doubted() {
         ([720, 576], ntsc),
     ];
     for (size_px, shape) in others {
-        let findings = said(&with_pixels(size_px, shape));
+        let findings = findings(&with_pixels(size_px, shape));
         assert_eq!(findings.len(), 1, "{size_px:?} {shape}: {findings:?}");
         assert_eq!(findings[0].cause, Cause::PixelShape);
         assert_eq!(findings[0].severity, Severity::Doubtful);
@@ -177,9 +178,9 @@ fn pixels_of_another_video_format_are_doubted() {
 }
 
 #[test]
-fn lenses_at_the_limit_give_no_word() {
-    // Askew a little less than what is doubted, a pincushion, rational terms that nearly cancel, large ones that do so
-    // wholly, and a wide lens.
+fn lenses_at_the_limit_have_no_findings() {
+    // A tilt just below the limit, a pincushion, rational terms that nearly cancel, large ones that
+    // cancel exactly, and a wide lens.
     let usual: [&[f64]; 5] = [
         &[-0.08, 0.02, 0.0095, -0.0095],
         &[0.3, -0.1, 0.001, 0.0],
@@ -188,17 +189,17 @@ fn lenses_at_the_limit_give_no_word() {
         &[-0.33, 0.12, -0.0043, 0.0041, -0.02],
     ];
     for distortion in usual {
-        assert_eq!(said(&lens(distortion)), [], "{distortion:?}");
+        assert_eq!(findings(&lens(distortion)), [], "{distortion:?}");
     }
 }
 
-/// What is said of the second camera with these `distortions`.
+/// The finding for the second camera with these `distortions`.
 fn of_lens(distortions: impl AsRef<[f64]>) -> String {
-    said(&lens(distortions))[0].to_string()
+    findings(&lens(distortions))[0].to_string()
 }
 
 #[test]
-fn tangential_coefficients_are_told_by_their_own_measure() {
+fn tangential_coefficients_have_their_own_limit() {
     let text = of_lens([-0.1, 0.12, -0.06, 0.0004, -0.0007]);
     for words in [
         "p1 and p2",
@@ -211,7 +212,7 @@ fn tangential_coefficients_are_told_by_their_own_measure() {
 }
 
 #[test]
-fn the_order_that_coefficients_seem_to_stand_in_is_named_with_what_to_write() {
+fn the_probable_order_of_coefficients_is_reported() {
     let text = of_lens([-0.1, 0.12, -0.06, 0.0004, -0.0007]);
     for words in ["k1 k2 k3 p1 p2", "[-0.1, 0.12, 0.0004, -0.0007, -0.06]"] {
         assert!(text.contains(words), "{words}: {text}");
@@ -226,15 +227,15 @@ fn the_order_that_coefficients_seem_to_stand_in_is_named_with_what_to_write() {
     // Four numbers, whose last would be p1 alone.
     let text = of_lens([-0.3, 0.1, 0.011, 0.0005]);
     assert!(!text.contains("look like"), "{text}");
-    // In no order are these those of a lens.
+    // In no order are these the coefficients of a lens.
     let text = of_lens([-0.1, 0.12, -0.06, 0.05, 0.02]);
     assert!(!text.contains("look like"), "{text}");
 }
 
 #[test]
-fn what_stands_in_the_wrong_place_is_said_before_what_is_doubtful_because_of_it() {
-    let text = said(&lens([140.0, 0.0, 0.05, 0.0, 0.0, 140.0]))[0].to_string();
+fn misplaced_coefficients_come_before_their_consequences() {
+    let text = findings(&lens([140.0, 0.0, 0.05, 0.0, 0.0, 140.0]))[0].to_string();
     assert!(text.contains("p1 and p2"), "{text}");
-    let text = said(&lens([140.0, 0.0, 0.0, 0.0, 0.0, 140.0]))[0].to_string();
+    let text = findings(&lens([140.0, 0.0, 0.0, 0.0, 0.0, 140.0]))[0].to_string();
     assert!(text.contains("none beyond 100"), "{text}");
 }

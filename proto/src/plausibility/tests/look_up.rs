@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn cameras_over_peoples_heads_that_all_look_up_are_a_mirror_image() {
+fn cameras_above_people_that_all_look_up_are_a_mirror_image() {
     let looking_at = |z_m: f64, height_m: f64| {
         with_all(|camera| {
             camera.center_m.z = height_m;
@@ -12,15 +12,18 @@ fn cameras_over_peoples_heads_that_all_look_up_are_a_mirror_image() {
         })
     };
     let causes = |cameras: &[Given]| -> Vec<Cause> {
-        said(cameras).iter().map(|finding| finding.cause).collect()
+        findings(cameras)
+            .iter()
+            .map(|finding| finding.cause)
+            .collect()
     };
     let mirrored = looking_at(4.0, 2.5);
     assert!(
         causes(&mirrored).contains(&Cause::LookUp),
         "{:?}",
-        said(&mirrored)
+        findings(&mirrored)
     );
-    // Level on tripods, from the ground, and one that looks up beside others.
+    // Level on tripods, from the ground, and one that looks up among others.
     let mut one = hall();
     one[1] = mirrored[1].clone();
     for (what, cameras) in [
