@@ -13,14 +13,13 @@
 
 mod fisheye;
 mod lens;
-mod lens_model;
 mod rational;
 
 use nalgebra::{Matrix3x4, Point3, Unit, Vector2, Vector3};
 
 pub use fisheye::FISHEYE_HALF_VIEW_RAD;
+pub use lens::LensModel;
 use lens::{Lens, ViewPart};
-pub use lens_model::LensModel;
 pub use rational::Distortion;
 
 use crate::frames::{Camera, Distorted, Pixel, Point, Transform, Undistorted, World};

@@ -1,14 +1,12 @@
 //! Model cards: TOML files that describe the input and output of a network in the same folder.
 
-mod read;
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use self::read::{detector, heatmap, kind_of};
-use crate::keypoints::KeypointSet;
+use crate::keypoints::{COCO17, KeypointSet};
+use crate::patch::{MAX_KEYPOINTS, MAX_SIDE};
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
 /// The two kinds of cards.
@@ -210,6 +208,297 @@ impl DetectorCard {
 
 fn wrong_kind(path: &Path, found: &str, expected: &str) -> FileError {
     FileError::new(path, format!("found \"{found}\", expected \"{expected}\"")).at_field("kind")
+}
+
+/// Largest side of a network's input, pixels.
+const MAX_INPUT_SIDE: u32 = 8192;
+/// Largest margin of a crop: networks are trained with 1.25, and at 2 the tested networks find
+/// other people.
+const MAX_BOX_MARGIN: f64 = 2.0;
+/// Largest number after normalisation. Pixels reach 255; with mean and deviation for another pixel
+/// scale, the numbers reach about 500.
+const MOST_GIVEN: f32 = 300.0;
+/// Smallest difference between black and white in the input: networks expect about 1 to 5.
+const LEAST_CONTRAST: f32 = 0.1;
+
+fn kind_of(file: &TomlFile<'_>) -> Result<String, FileError> {
+    #[derive(Deserialize)]
+    struct Kind {
+        kind: String,
+    }
+    Ok(file.read::<Kind>()?.kind)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawHeatmap {
+    #[serde(rename = "kind")]
+    _kind: String,
+    file: String,
+    input: RawInput,
+    normalize: Normalize,
+    output: RawHeatmapOutput,
+    cell_to_input: CellToInput,
+    box_margin: f64,
+    #[serde(default)]
+    keypoint_offsets: BTreeMap<String, [f64; 3]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawDetector {
+    #[serde(rename = "kind")]
+    _kind: String,
+    file: String,
+    decode: Decode,
+    input: RawInput,
+    normalize: Normalize,
+    output: DetectorOutput,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawInput {
+    name: String,
+    #[serde(default = "nchw")]
+    layout: String,
+    width: u32,
+    height: u32,
+    channels: Channels,
+    letterbox: Option<Letterbox>,
+    pad: Option<u8>,
+}
+
+fn nchw() -> String {
+    "nchw".to_owned()
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawHeatmapOutput {
+    name: String,
+    width: u32,
+    height: u32,
+    keypoints: RawKeypoints,
+    peak_sigma_cells: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "expected \"coco17\" or a list of names")]
+enum RawKeypoints {
+    Known(String),
+    Names(Vec<String>),
+}
+
+fn heatmap(file: &TomlFile<'_>) -> Result<HeatmapCard, FileError> {
+    let raw: RawHeatmap = file.read()?;
+    let input = input(file, raw.input)?;
+    check_normalize(file, &raw.normalize)?;
+    for (field, side) in [("width", raw.output.width), ("height", raw.output.height)] {
+        if !(1..=MAX_SIDE as u32).contains(&side) {
+            let place = Place::field("output").key(field);
+            return Err(file.error(
+                &place,
+                format!("found {side}, expected 1 to {MAX_SIDE} cells"),
+            ));
+        }
+    }
+    if let Some(sigma_cells) = raw.output.peak_sigma_cells {
+        let place = Place::field("output").key("peak_sigma_cells");
+        check_range(file, &place, sigma_cells, 0.1, MAX_SIDE as f64)?;
+    }
+    check_cells(
+        file,
+        raw.cell_to_input,
+        &input,
+        [raw.output.width, raw.output.height],
+    )?;
+    let margin = Place::field("box_margin");
+    check_range(file, &margin, raw.box_margin, 1.0, MAX_BOX_MARGIN)?;
+    let keypoints = keypoints(file, raw.output.keypoints)?;
+    for (name, offset) in &raw.keypoint_offsets {
+        let place = Place::field("keypoint_offsets").key(name);
+        if keypoints.index_of(name).is_none() {
+            let known: Vec<&str> = keypoints.names().iter().map(String::as_str).collect();
+            return Err(file.error(&place, unknown_name("keypoint", name, &known)));
+        }
+        for (i, &value) in offset.iter().enumerate() {
+            check_range(file, &place.index(i), value, -0.5, 0.5)?;
+        }
+    }
+    Ok(HeatmapCard {
+        file: network_file(file, &raw.file)?,
+        input,
+        normalize: raw.normalize,
+        output: HeatmapOutput {
+            name: raw.output.name,
+            width: raw.output.width,
+            height: raw.output.height,
+            keypoints,
+            peak_sigma_cells: raw.output.peak_sigma_cells,
+        },
+        cell_to_input: raw.cell_to_input,
+        box_margin: raw.box_margin,
+        keypoint_offsets: raw.keypoint_offsets,
+    })
+}
+
+fn detector(file: &TomlFile<'_>) -> Result<DetectorCard, FileError> {
+    let raw: RawDetector = file.read()?;
+    check_normalize(file, &raw.normalize)?;
+    Ok(DetectorCard {
+        file: network_file(file, &raw.file)?,
+        input: input(file, raw.input)?,
+        normalize: raw.normalize,
+        output: raw.output,
+        decode: raw.decode,
+    })
+}
+
+/// Refuses cells outside the input: all keypoints would be shifted by the same rule in all cameras.
+fn check_cells(
+    file: &TomlFile<'_>,
+    cell_to_input: CellToInput,
+    input: &NetworkInput,
+    [columns, rows]: [u32; 2],
+) -> Result<(), FileError> {
+    let place = Place::field("cell_to_input");
+    let CellToInput { scale, offset } = cell_to_input;
+    check_range(file, &place.key("scale"), scale, 1e-3, 1e3)?;
+    let sides = [(columns, input.width, "wide"), (rows, input.height, "high")];
+    for (cells, input_px, way) in sides {
+        // As many cells as pixels over the scale, or from the first pixel to the last.
+        let reach_px = scale * f64::from(cells);
+        if (reach_px - f64::from(input_px)).abs() > scale.max(1.0) {
+            return Err(file.error(
+                &place.key("scale"),
+                format!(
+                    "found {scale}, with which {cells} cells are {reach_px} pixels {way}, expected {}: the input is {input_px} pixels {way}",
+                    f64::from(input_px) / f64::from(cells)
+                ),
+            ));
+        }
+    }
+    check_range(file, &place.key("offset"), offset, -scale, scale)
+}
+
+fn network_file(file: &TomlFile<'_>, name: &str) -> Result<PathBuf, FileError> {
+    if name.is_empty() {
+        return Err(file.error(
+            &Place::field("file"),
+            "found \"\", expected the name of an ONNX file",
+        ));
+    }
+    Ok(file.resolve(name))
+}
+
+fn input(file: &TomlFile<'_>, raw: RawInput) -> Result<NetworkInput, FileError> {
+    let place = Place::field("input");
+    if raw.layout != "nchw" {
+        let problem = format!(
+            "found \"{}\", expected \"nchw\", the only layout that is read",
+            raw.layout
+        );
+        return Err(file.error(&place.key("layout"), problem));
+    }
+    for (field, side) in [("width", raw.width), ("height", raw.height)] {
+        if !(1..=MAX_INPUT_SIDE).contains(&side) {
+            return Err(file.error(
+                &place.key(field),
+                format!("found {side}, expected 1 to {MAX_INPUT_SIDE} pixels"),
+            ));
+        }
+    }
+    let RawInput {
+        name,
+        width,
+        height,
+        channels,
+        letterbox,
+        pad,
+        ..
+    } = raw;
+    Ok(NetworkInput {
+        name,
+        width,
+        height,
+        channels,
+        letterbox,
+        pad,
+    })
+}
+
+fn keypoints(file: &TomlFile<'_>, raw: RawKeypoints) -> Result<KeypointSet, FileError> {
+    let place = Place::field("output").key("keypoints");
+    match raw {
+        RawKeypoints::Known(name) if name == "coco17" => Ok(KeypointSet::coco17()),
+        RawKeypoints::Known(name) => Err(file.error(
+            &place,
+            format!(
+                "found \"{name}\", expected \"coco17\" or a list of names such as {:?}",
+                &COCO17[..2]
+            ),
+        )),
+        RawKeypoints::Names(names) => {
+            if !(1..=MAX_KEYPOINTS).contains(&names.len()) {
+                return Err(file.error(
+                    &place,
+                    format!("found {} names, expected 1 to {MAX_KEYPOINTS}", names.len()),
+                ));
+            }
+            if let Some(i) =
+                (0..names.len()).find(|&i| names[i].is_empty() || names[..i].contains(&names[i]))
+            {
+                return Err(file.error(
+                    &place.index(i),
+                    format!("found \"{}\", expected names that differ", names[i]),
+                ));
+            }
+            Ok(KeypointSet::new(names))
+        }
+    }
+}
+
+fn check_normalize(file: &TomlFile<'_>, normalize: &Normalize) -> Result<(), FileError> {
+    let place = Place::field("normalize");
+    check_range(file, &place.key("scale"), normalize.scale.into(), 1e-6, 1e6)?;
+    for (i, &mean) in normalize.mean.iter().enumerate() {
+        check_range(file, &place.key("mean").index(i), mean.into(), -1e6, 1e6)?;
+    }
+    for (i, &std) in normalize.std.iter().enumerate() {
+        check_range(file, &place.key("std").index(i), std.into(), 1e-6, 1e6)?;
+    }
+    for (&mean, &std) in normalize.mean.iter().zip(&normalize.std) {
+        let given = |pixel: f32| (pixel * normalize.scale - mean) / std;
+        let [black, white] = [0.0, 255.0].map(given);
+        if black.abs().max(white.abs()) > MOST_GIVEN || (white - black).abs() < LEAST_CONTRAST {
+            return Err(file.error(
+                &place,
+                format!(
+                    "a black pixel becomes {black:.3} and a white one {white:.3}, expected numbers up to {MOST_GIVEN} that are {LEAST_CONTRAST} apart: `scale` is 1 where `mean` and `std` are of pixels from 0 to 255, and 1/255 where they are of pixels from 0 to 1"
+                ),
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn check_range(
+    file: &TomlFile<'_>,
+    place: &Place,
+    value: f64,
+    min: f64,
+    max: f64,
+) -> Result<(), FileError> {
+    // NaN is in no range.
+    if (min..=max).contains(&value) {
+        Ok(())
+    } else {
+        Err(file.error(
+            place,
+            format!("found {value}, expected a number from {min} to {max}"),
+        ))
+    }
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ pub fn check_name(name: &str) -> Result<(), String> {
     check_stored_name(name)?;
     if !name.chars().all(is_plain) {
         return Err(format!(
-            "found {name:?}, expected a name without characters that are not seen and turn the text around them"
+            "found {name:?}, expected a name without invisible characters and direction marks"
         ));
     }
     Ok(())

@@ -93,7 +93,7 @@ impl SubjectProfile {
         let all = Place::field("link");
         let is_unknown = |name: &&String| !joints.contains(&name.as_str());
         if let Some(name) = fields.link.keys().find(is_unknown) {
-            let problem = "found no joint of this name that ends a link, expected those of poses.jsonl but the pelvis";
+            let problem = "found no joint of this name that ends a link, expected those of poses.jsonl except the pelvis";
             return Err(file.error(&all.key(name), problem));
         }
         let mut links = BTreeMap::new();
@@ -124,7 +124,7 @@ pub(crate) fn check_required_name(
     name: &str,
 ) -> Result<(), FileError> {
     if name.is_empty() {
-        let problem = "found none, expected what the person is called";
+        let problem = "found none, expected the person's name";
         return Err(file.error(place, problem));
     }
     check_name(name).map_err(|problem| file.error(place, problem))

@@ -80,7 +80,7 @@ impl std::error::Error for FileError {}
 /// or for bytes that are not text, do not explain what was wrong with the given name.
 pub fn unread(error: &io::Error, expected: &str) -> String {
     match error.kind() {
-        io::ErrorKind::InvalidData => format!("found bytes that are no text, expected {expected}"),
+        io::ErrorKind::InvalidData => format!("found bytes that are not text, expected {expected}"),
         io::ErrorKind::IsADirectory => format!("found a folder, expected {expected}"),
         _ => error.to_string(),
     }

@@ -212,6 +212,4 @@ mod fixture;
 #[cfg(test)]
 mod golden;
 #[cfg(test)]
-mod laws;
-#[cfg(test)]
 mod tests;

@@ -242,10 +242,6 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let error = check(&identity(folder.path(), 2, 100), "ne", NOW_S).unwrap_err();
         assert!(matches!(error, NodeError::Failed(_)));
-        assert!(
-            error.to_string().contains("the clock of this machine"),
-            "{error}"
-        );
     }
 
     #[test]

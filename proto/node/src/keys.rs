@@ -32,7 +32,7 @@ pub fn check(
     let validity = certificate::check(identity, node, now_s)?;
     check_own(identity, (venue, node), now_s).map_err(|misfit| {
         NodeError::refused(anyhow!(
-            "{misfit}; copy ca.pem, {node}.pem and {node}.key of venue {venue} there from where `farfield certs` has made them"
+            "{misfit}; copy ca.pem, {node}.pem and {node}.key of venue {venue} there from the folder that `farfield certs` has written"
         ))
     })?;
     Ok(validity)

@@ -6,7 +6,7 @@
 use std::thread;
 
 use anyhow::{Context as _, anyhow};
-use farfield_proto::transport::words::without_places;
+use farfield_proto::transport::without_places;
 use farfield_proto::transport::{EdgeTransport, FusionTransport, ZenohSetting};
 use farfield_proto::wire::VERSION;
 use tracing::warn;

@@ -10,13 +10,12 @@
 //! (football, futsal, handball, volleyball, tennis), in basketball at their inner edge. Posts are
 //! given by the inner edge of their foot and of the crossbar.
 
-mod ball_games;
 mod drawing;
-mod nets;
-mod placed;
+mod sports;
+
+use std::f64::consts::TAU;
 
 use drawing::Drawing;
-pub use placed::PlacedCourt;
 
 use crate::toml_file::unknown_name;
 
@@ -93,7 +92,7 @@ const COURTS: [Rules; 6] = [
         usual_m: [28.0, 15.0],
         least_m: [22.0, 13.0],
         most_m: [28.7, 15.3],
-        draw: ball_games::basketball,
+        draw: sports::basketball,
     },
     Rules {
         name: "football",
@@ -101,7 +100,7 @@ const COURTS: [Rules; 6] = [
         usual_m: [105.0, 68.0],
         least_m: [90.0, 45.0],
         most_m: [120.0, 90.0],
-        draw: ball_games::football,
+        draw: sports::football,
     },
     Rules {
         name: "futsal",
@@ -109,7 +108,7 @@ const COURTS: [Rules; 6] = [
         usual_m: [40.0, 20.0],
         least_m: [25.0, 15.0],
         most_m: [42.0, 25.0],
-        draw: ball_games::futsal,
+        draw: sports::futsal,
     },
     Rules {
         name: "handball",
@@ -117,7 +116,7 @@ const COURTS: [Rules; 6] = [
         usual_m: [40.0, 20.0],
         least_m: [38.0, 18.0],
         most_m: [44.0, 22.0],
-        draw: ball_games::handball,
+        draw: sports::handball,
     },
     Rules {
         name: "tennis",
@@ -125,7 +124,7 @@ const COURTS: [Rules; 6] = [
         usual_m: [23.77, 10.97],
         least_m: [23.77, 10.97],
         most_m: [23.77, 10.97],
-        draw: nets::tennis,
+        draw: sports::tennis,
     },
     Rules {
         name: "volleyball",
@@ -133,7 +132,7 @@ const COURTS: [Rules; 6] = [
         usual_m: [18.0, 9.0],
         least_m: [18.0, 9.0],
         most_m: [18.0, 9.0],
-        draw: nets::volleyball,
+        draw: sports::volleyball,
     },
 ];
 
@@ -180,6 +179,52 @@ impl Court {
     /// The line `name`.
     pub fn line(&self, name: &str) -> Option<&CourtLine> {
         self.lines.iter().find(|line| line.name == name)
+    }
+}
+
+/// Straight pieces of a full circle.
+const PIECES_OF_CIRCLE: f64 = 72.0;
+
+/// A court at its place on the floor of a venue.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlacedCourt {
+    /// The court.
+    pub court: Court,
+    /// Its centre, world x and y, metres.
+    pub centre_m: [f64; 2],
+    /// Its rotation, from +x towards +y, radians.
+    pub turn_rad: f64,
+}
+
+impl PlacedCourt {
+    /// The points of `shape`, a line of the court, in the world: x and y, metres. Arcs become
+    /// straight pieces of 5 degrees.
+    pub fn points_m(&self, shape: &LineShape) -> Vec<[f64; 2]> {
+        let (sin, cos) = libm::sincos(self.turn_rad);
+        let place = |[x, y]: [f64; 2]| {
+            [
+                self.centre_m[0] + cos * x - sin * y,
+                self.centre_m[1] + sin * x + cos * y,
+            ]
+        };
+        match *shape {
+            LineShape::Segment { from_m, to_m } => vec![place(from_m), place(to_m)],
+            LineShape::Arc {
+                centre_m,
+                radius_m,
+                from_rad,
+                by_rad,
+            } => {
+                let pieces = (by_rad.abs() / TAU * PIECES_OF_CIRCLE).ceil();
+                let pieces = pieces.clamp(1.0, PIECES_OF_CIRCLE) as u32;
+                let at = |piece: u32| {
+                    let turn = from_rad + by_rad * f64::from(piece) / f64::from(pieces);
+                    let (sin, cos) = libm::sincos(turn);
+                    place([centre_m[0] + radius_m * cos, centre_m[1] + radius_m * sin])
+                };
+                (0..=pieces).map(at).collect()
+            }
+        }
     }
 }
 

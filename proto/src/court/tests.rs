@@ -1,7 +1,7 @@
 //! Tests of courts against the rules and against their own symmetry.
 
 use std::collections::BTreeSet;
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 use super::*;
 
@@ -168,4 +168,45 @@ fn an_unknown_court_and_an_invalid_size_are_refused() {
     assert!(Court::of("futsal", Some([38.0, f64::NAN])).is_err());
     let small = Court::of("futsal", Some([36.0, 18.0])).unwrap();
     assert!((small.mark("corner_south_east").unwrap().position_m[0] - 18.0).abs() < 1e-12);
+}
+
+fn futsal(centre_m: [f64; 2], turn_rad: f64) -> PlacedCourt {
+    PlacedCourt {
+        court: Court::of("futsal", None).unwrap(),
+        centre_m,
+        turn_rad,
+    }
+}
+
+fn points(placed: &PlacedCourt, line: &str) -> Vec<[f64; 2]> {
+    placed.points_m(&placed.court.line(line).unwrap().shape)
+}
+
+#[test]
+fn a_court_lies_about_its_middle_along_x_or_turned() {
+    let near = |a: &[[f64; 2]], b: [[f64; 2]; 2]| {
+        let far = a.iter().flatten().zip(b.as_flattened());
+        far.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) < 1e-12
+    };
+    let straight = points(&futsal([1.0, 2.0], 0.0), "touchline_north");
+    assert!(
+        near(&straight, [[-19.0, 12.0], [21.0, 12.0]]),
+        "{straight:?}"
+    );
+    let turned = points(&futsal([1.0, 2.0], FRAC_PI_2), "touchline_north");
+    assert!(near(&turned, [[-9.0, -18.0], [-9.0, 22.0]]), "{turned:?}");
+}
+
+#[test]
+fn arcs_are_drawn_on_their_circle_from_end_to_end() {
+    let circle = points(&futsal([0.0; 2], 0.3), "centre_circle");
+    assert_eq!(circle.len(), 73);
+    for [x, y] in &circle {
+        assert!((libm::hypot(*x, *y) - 3.0).abs() < 1e-12);
+    }
+    let quarter = points(&futsal([0.0; 2], 0.0), "penalty_area_arc_north_west");
+    assert_eq!(quarter.len(), 19);
+    let (first, last) = (quarter[0], quarter[18]);
+    assert!((first[0] + 14.0).abs() < 1e-9, "{first:?}");
+    assert!((last[0] + 20.0).abs() < 1e-9, "{last:?}");
 }

@@ -89,6 +89,6 @@ pub(super) fn check(cameras: &[AgreementOfCamera]) -> Result<(), &'static str> {
     if numbers.flatten().all(f32::is_finite) {
         Ok(())
     } else {
-        Err("a number that is none")
+        Err("a number that is not finite")
     }
 }

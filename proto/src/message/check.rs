@@ -60,7 +60,7 @@ fn check_patch(patch: &PersonPatch) -> Result<(), &'static str> {
         .crops
         .iter()
         .all(|c| (c.width, c.height) == (maps.width, maps.height));
-    ensure(same_size, "a crop of another size than its maps")?;
+    ensure(same_size, "a crop whose size differs from its maps")?;
     let of_keypoint = &patch.crop_of_keypoint;
     ensure(
         of_keypoint.len() == usize::from(maps.keypoints),
@@ -137,7 +137,7 @@ impl Message for BoxSet {
         )?;
         ensure(
             self.detection_cameras.is_sorted_by(|a, b| a < b),
-            "cameras that look out of order or twice",
+            "detection cameras out of order or twice",
         )?;
         self.persons
             .iter()
@@ -276,7 +276,7 @@ impl Message for Status {
     fn check(&self) -> Result<(), &'static str> {
         ensure(
             is_key_chunk(&self.node),
-            "a node name that cannot stand in a key",
+            "a node name that cannot be part of a key",
         )?;
         ensure(
             self.release.len() <= MAX_HASH_BYTES,
@@ -336,7 +336,7 @@ fn check_live(live: &LiveStatus) -> Result<(), &'static str> {
     live.edges.iter().try_for_each(|edge| {
         ensure(
             is_key_chunk(&edge.viewpoint),
-            "a node name that cannot stand in a key",
+            "a node name that cannot be part of a key",
         )?;
         let refused = edge.refused.iter();
         ensure(
@@ -349,7 +349,7 @@ fn check_live(live: &LiveStatus) -> Result<(), &'static str> {
 fn check_correction(us: i32) -> Result<(), &'static str> {
     ensure(
         us.unsigned_abs() <= MAX_CLOCK_CORRECTION_US.unsigned_abs(),
-        "a clock correction past any clock",
+        "a clock correction out of range",
     )
 }
 

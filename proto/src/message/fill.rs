@@ -59,10 +59,10 @@ pub enum SetKind {
 impl Message for FillRequest {
     fn check(&self) -> Result<(), &'static str> {
         if self.from >= self.to {
-            return Err("no tick is asked for");
+            return Err("no tick is requested");
         }
         if self.to - self.from > MAX_TICKS {
-            return Err("more ticks than one question may be about");
+            return Err("more ticks than one request may cover");
         }
         if self.max_bytes > MAX_ANSWER_BYTES {
             return Err("more bytes than an answer may have");

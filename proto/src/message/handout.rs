@@ -113,7 +113,7 @@ impl Message for HandoutRequest {
     fn check(&self) -> Result<(), &'static str> {
         match self {
             Self::Chunk { file, .. } if usize::from(*file) >= MAX_FILES => {
-                Err("no list has so many files")
+                Err("a file index beyond any list")
             }
             _ => Ok(()),
         }

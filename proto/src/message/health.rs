@@ -71,7 +71,7 @@ impl NodeHealth {
         }
         let ahead_us = self.system_clock.map_or(0, |clock| clock.ahead_us);
         if ahead_us.unsigned_abs() > MAX_AHEAD_US.unsigned_abs() {
-            return Err("a clock that is ahead of any time");
+            return Err("a clock offset out of range");
         }
         if self.notices.len() > MAX_NOTICES {
             return Err("more notices than a status may have");

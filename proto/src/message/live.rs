@@ -162,7 +162,7 @@ impl EdgeLink {
     pub fn refuse_second(&mut self, process: u64) {
         let name = &self.viewpoint;
         self.refused = Some(format!(
-            "a second node calls itself {name}: {}",
+            "a second node has the name {name}: {}",
             refused_process(process)
         ));
     }

@@ -36,10 +36,10 @@ pub struct Thumbnail {
 impl Message for Thumbnail {
     fn check(&self) -> Result<(), &'static str> {
         if self.jpeg.len() > MAX_THUMBNAIL_BYTES {
-            return Err("a thumbnail of more bytes than one may have");
+            return Err("a thumbnail with too many bytes");
         }
         match jpeg_size_px(&self.jpeg) {
-            None => Err("a thumbnail that is no JPEG file"),
+            None => Err("a thumbnail that is not a JPEG file"),
             Some(size_px)
                 if size_px
                     .iter()
@@ -123,22 +123,25 @@ pub(crate) mod tests {
 
     #[test]
     fn invalid_and_oversized_jpeg_files_are_refused() {
-        assert!(refused(Vec::new()).contains("no JPEG"));
-        assert!(refused(b"\x89PNG\r\n\x1a\n".to_vec()).contains("no JPEG"));
-        assert!(refused(b"<svg onload=alert(1)>".to_vec()).contains("no JPEG"));
+        assert!(refused(Vec::new()).contains("not a JPEG"));
+        assert!(refused(b"\x89PNG\r\n\x1a\n".to_vec()).contains("not a JPEG"));
+        assert!(refused(b"<svg onload=alert(1)>".to_vec()).contains("not a JPEG"));
         for size in [(321, 180), (65_535, 65_535), (320, 0), (0, 180)] {
             assert!(refused(jpeg(size.0, size.1)).contains("size"), "{size:?}");
         }
         let mut long = jpeg(320, 180);
         long.resize(MAX_THUMBNAIL_BYTES + 1, 0);
-        assert!(refused(long).contains("more bytes"));
+        assert!(refused(long).contains("too many bytes"));
     }
 
     #[test]
     fn a_file_with_invalid_segments_is_refused() {
         let whole = jpeg(320, 180);
         for end in 0..whole.len() - 8 {
-            assert!(refused(whole[..end].to_vec()).contains("no JPEG"), "{end}");
+            assert!(
+                refused(whole[..end].to_vec()).contains("not a JPEG"),
+                "{end}"
+            );
         }
         // A segment shorter than its own length field, one longer than the file, and an end before
         // the frame.
@@ -148,7 +151,7 @@ pub(crate) mod tests {
             [0xff, 0xd9, 0, 4],
         ] {
             let file = [&[0xff, 0xd8], segment.as_slice(), &whole[2..]].concat();
-            assert!(refused(file).contains("no JPEG"), "{segment:x?}");
+            assert!(refused(file).contains("not a JPEG"), "{segment:x?}");
         }
     }
 }

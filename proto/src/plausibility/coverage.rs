@@ -1,13 +1,13 @@
-//! Coverage of the field: every camera sees a part, two viewpoints together most of it.
+//! Checks of the field: every camera sees a part, two viewpoints most of it, and people fit into
+//! it.
 
 use std::collections::BTreeSet;
 
 use nalgebra::Point3;
 
+use super::{Cause, Finding, Severity, Sight, places};
 use crate::frames::Point;
 use crate::venue::{Field, Venue};
-
-use super::{Cause, Finding, Severity, Sight, places};
 
 /// Sample points along either side of the field.
 const SIDE: u32 = 25;
@@ -85,7 +85,7 @@ pub(super) fn findings(venue: &Venue, seen: &Coverage) -> Vec<Finding> {
                 }
                 .to_owned(),
                 expected: format!("a part of {}", words(&venue.field)),
-                remedy: "look at its `rotation` and `translation` (world to camera, radians, metres), or at `[field]`"
+                remedy: "check its `rotation` and `translation` (world to camera, radians, metres), or `[field]`"
                     .to_owned(),
             });
         }
@@ -104,7 +104,7 @@ pub(super) fn findings(venue: &Venue, seen: &Coverage) -> Vec<Finding> {
             severity,
             found: format!("two viewpoints see {:.0} % of the field", (100.0 * seen.by_two).ceil()),
             expected: format!("most of {}", words(&venue.field)),
-            remedy: "set `[field]` to where people are, or look where the cameras point (`farfield check` draws it)"
+            remedy: "set `[field]` to where people are, or check where the cameras point (`farfield check` draws it)"
                 .to_owned(),
         });
     }
@@ -126,7 +126,7 @@ pub fn of_viewpoints(venue: &Venue) -> Option<Finding> {
         },
         found: "there is one viewpoint".to_owned(),
         expected: "two or more: one alone cannot measure how far away a person is".to_owned(),
-        remedy: "give cameras that stand apart a `[[viewpoint]]` each".to_owned(),
+        remedy: "give each of the separate cameras its own `[[viewpoint]]`".to_owned(),
     })
 }
 
@@ -145,4 +145,54 @@ fn words(field: &Field) -> String {
     let [x0, y0, _] = field.min_m;
     let [x1, y1, _] = field.max_m;
     format!("the field, x {x0:.1} to {x1:.1} m and y {y0:.1} to {y1:.1} m, from its floor to 2 m")
+}
+
+/// The middle of a standing body, between hips and shoulders, is at 0.9 to 1.2 m. A field with a
+/// lower top above its floor excludes tall people, metres; only people who sit, kneel or lie are
+/// found then.
+const LOW_M: f64 = 1.2;
+/// Narrowest field, metres: a treadmill has 0.45.
+const NARROW_M: f64 = 0.4;
+/// Widest field, metres: a stadium with its stands has 300.
+const WIDE_M: f64 = 500.0;
+
+/// Findings about the size of the venue's field.
+pub(super) fn field_size(venue: &Venue) -> Vec<Finding> {
+    let field = &venue.field;
+    let of = |found, expected: &str, remedy: &str| Finding {
+        camera: None,
+        cause: Cause::FieldSize,
+        severity: Severity::Doubtful,
+        found,
+        expected: expected.to_owned(),
+        remedy: remedy.to_owned(),
+    };
+    let mut findings = Vec::new();
+    let [length_m, width_m] = [0, 1].map(|axis| field.max_m[axis] - field.min_m[axis]);
+    if length_m.max(width_m) > WIDE_M {
+        findings.push(of(
+            format!("`[field]` is {length_m:.0} m by {width_m:.0} m"),
+            "at most 500 m",
+            "`min_m` and `max_m` are in metres: multiply centimetres by 0.01, millimetres by 0.001",
+        ));
+    } else if length_m.min(width_m) < NARROW_M {
+        findings.push(of(
+            format!("`[field]` is {length_m:.2} m by {width_m:.2} m"),
+            "0.4 m or more both ways",
+            "set `[field]` min_m and max_m to where people are, in metres",
+        ));
+    }
+    let top_m = field.max_m[2] - field.floor_m;
+    if top_m < LOW_M {
+        findings.push(of(
+            format!(
+                "`[field]` ends {top_m:.2} m above its floor (z = {:.2} m), at max_m[2] = {:.2} m",
+                field.floor_m, field.max_m[2]
+            ),
+            "room for people who stand, 2 m or more",
+            "set `[field]` floor_m to the height of the floor in the calibration (0 in most), min_m[2] a little below it and \
+             max_m[2] 2.5 m above it",
+        ));
+    }
+    findings
 }

@@ -145,7 +145,7 @@ fn pixel_shape(camera: &CameraModel) -> Option<Finding> {
         severity,
         format!("fx is {fx_px:.0} px and fy {fy_px:.0} px"),
         format!("two that differ by a few hundredths, in pictures of {width_px}x{height_px}"),
-        "look at `matrix`: one of the two may be wrong, rows or numbers may be exchanged, or the pictures were stretched \
+        "check `matrix`: one of the two may be wrong, rows or numbers may be exchanged, or the pictures were stretched \
          after it was made; with an anamorphic lens they do differ",
     ))
 }
@@ -170,7 +170,7 @@ fn principal_point(camera: &CameraModel) -> Option<Finding> {
             height_px * factor
         )
     } else {
-        "look at `matrix`: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] of pictures of this `size`"
+        "check `matrix`: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] of pictures of this `size`"
             .to_owned()
     };
     Some(finding(
@@ -199,7 +199,7 @@ fn fisheye(camera: &CameraModel) -> Option<Finding> {
             "60 degrees off its axis its distortion draws {ratio:.2} times as far out as an equidistant fisheye does"
         ),
         format!("{} to {} times", USUAL_FISHEYE[0], USUAL_FISHEYE[1]),
-        "look at `distortions`: k1 k2 k3 k4 of OpenCV's fisheye model; those of a lens that is none go with `fisheye = false`",
+        "check `distortions`: k1 k2 k3 k4 of OpenCV's fisheye model; for another lens set `fisheye = false`",
     ))
 }
 
@@ -251,7 +251,7 @@ fn distortion(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
         severity,
         found,
         expected,
-        "look at `distortions`: k1 k2 p1 p2 (k3 (k4 k5 k6)); calibrate with more pictures, or write zeros",
+        "check `distortions`: k1 k2 p1 p2 (k3 (k4 k5 k6)); calibrate with more pictures, or write zeros",
     ))
 }
 
@@ -268,7 +268,7 @@ fn askew(camera: &CameraModel, lens: &Distortion) -> Option<Finding> {
             "its tangential coefficients p1 and p2, third and fourth of `distortions`, are {:?} and {:?}",
             lens.p1, lens.p2
         ),
-        "thousandths: lenses stand askew by no more".to_owned(),
+        "thousandths: real lenses have no larger tilt".to_owned(),
         &format!(
             "the order is k1 k2 p1 p2 (k3 (k4 k5 k6)){}; \
              if the order is right, calibrate with more pictures, or write zeros for p1 and p2",

@@ -76,7 +76,7 @@ fn of_camera(sight: &Sight, cause: Cause, severity: Severity, found: String) -> 
     let (expected, remedy) = match cause {
         Cause::UnderFloor => (
             "one above the floor",
-            "z is up and 0 on the floor: look at the sign of `translation`, and at which point the calibration took as its origin",
+            "z is up and 0 on the floor: check the sign of `translation`, and which point is the origin of the calibration",
         ),
         _ => (
             "0.2 to 60 m",
@@ -166,10 +166,16 @@ fn same_places(sights: &[Sight]) -> Vec<Finding> {
         // Cameras of one viewpoint may share a mast.
         let (severity, how) = match (is_alike, a.viewpoint == b.viewpoint) {
             (false, true) => continue,
-            (true, false) => (Severity::Wrong, "at the same place, turned alike, as"),
+            (true, false) => (
+                Severity::Wrong,
+                "at the same place, with the same orientation, as",
+            ),
             // Twins on one mast have the same orientation, but never the same numbers.
             (true, true) if distance_m(a, b) > COPIED_M => continue,
-            (true, true) => (Severity::Doubtful, "at the same place, turned alike, as"),
+            (true, true) => (
+                Severity::Doubtful,
+                "at the same place, with the same orientation, as",
+            ),
             (false, false) => (Severity::Doubtful, "at the same place as"),
         };
         findings.push(Finding {
@@ -178,7 +184,7 @@ fn same_places(sights: &[Sight]) -> Vec<Finding> {
             severity,
             found: format!("it stands {how} `{}`", a.name),
             expected: "places that differ".to_owned(),
-            remedy: "look whether the table of one was copied to the other, or never calibrated"
+            remedy: "check whether the table of one was copied to the other, or never calibrated"
                 .to_owned(),
         });
     }

@@ -1,9 +1,6 @@
 //! A valid hall, and variants with one mistake each.
 
-mod conventions;
-mod field;
 mod lens;
-mod look_up;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -487,4 +484,163 @@ fn fisheyes_with_implausible_distortion_are_reported() {
     assert!(causes(&plain).contains(&(Cause::FieldOfView, Severity::Doubtful)));
     let stretched = with_fisheye(400.0, [0.6, 0.2, 0.0, 0.0]);
     assert!(causes(&stretched).contains(&(Cause::Distortion, Severity::Doubtful)));
+}
+
+/// World to camera, with y up and z backward.
+fn turned_axes(camera: &mut Given) {
+    camera.rotation = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0)) * camera.rotation;
+}
+
+/// Camera to world.
+fn pose(camera: &mut Given) {
+    camera.center_m = -(camera.rotation * camera.center_m);
+    camera.rotation.transpose_mut();
+}
+
+fn pose_of_turned_axes(camera: &mut Given) {
+    turned_axes(camera);
+    pose(camera);
+}
+
+#[test]
+fn another_convention_of_all_cameras_is_recognised() {
+    use Severity::Wrong;
+    check(vec![
+        ("pose", with_all(pose), (Cause::Backwards, Wrong, None)),
+        (
+            "axes",
+            with_all(turned_axes),
+            (Cause::CameraAxes, Wrong, None),
+        ),
+        (
+            "pose of axes",
+            with_all(pose_of_turned_axes),
+            (Cause::CameraAxes, Wrong, None),
+        ),
+    ]);
+}
+
+#[test]
+fn another_convention_of_one_camera_is_recognised_with_its_remedy() {
+    let found = findings(&with(turned_axes));
+    // Upside down and looking away follow from it, and a turn of its pictures would not help.
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(
+        (found[0].cause, found[0].severity),
+        (Cause::CameraAxes, Severity::Doubtful)
+    );
+    assert_eq!(found[0].camera.as_deref(), ONE);
+    assert!(
+        found[0].remedy.contains("second and third row"),
+        "{}",
+        found[0]
+    );
+    check(vec![
+        (
+            "pose",
+            with(pose),
+            (Cause::Backwards, Severity::Doubtful, ONE),
+        ),
+        (
+            "pose of axes",
+            with(pose_of_turned_axes),
+            (Cause::CameraAxes, Severity::Doubtful, ONE),
+        ),
+    ]);
+}
+
+#[test]
+fn a_camera_upside_down_is_not_taken_for_another_convention() {
+    let hung = findings(&with(|it| roll(it, 180.0)));
+    let away = findings(&with(|it| {
+        it.rotation = looking(it.center_m, it.center_m * 2.0);
+    }));
+    assert!(!hung.is_empty() && !away.is_empty(), "{hung:?} {away:?}");
+    for finding in hung.iter().chain(&away) {
+        assert!(
+            !matches!(finding.cause, Cause::CameraAxes | Cause::Backwards),
+            "{finding}"
+        );
+    }
+}
+
+/// The findings for the hall with a field from `min_m` to `max_m` without a floor.
+fn with_field(min_m: [f64; 3], max_m: [f64; 3]) -> Vec<Finding> {
+    let mut venue = venue(&hall(), 4);
+    (venue.field.min_m, venue.field.max_m) = (min_m, max_m);
+    venue.field.floor_m = 0.0_f64.clamp(min_m[2], max_m[2]);
+    let findings = of_venue(&venue).into_iter();
+    findings.filter(|it| it.cause == Cause::FieldSize).collect()
+}
+
+#[test]
+fn a_field_too_low_for_standing_people_is_suspect() {
+    let cases = [
+        // Below the floor, a typing mistake, as high as hips, above heads.
+        ([-3.3, -1.0], "0.00 m above its floor (z = -1.00 m)"),
+        (
+            [-0.3, 0.25],
+            "0.25 m above its floor (z = 0.00 m), at max_m[2] = 0.25 m",
+        ),
+        ([-0.3, 1.0], "1.00 m above its floor"),
+        ([1.5, 2.4], "0.90 m above its floor (z = 1.50 m)"),
+    ];
+    for ([low_m, high_m], words) in cases {
+        let found = with_field([-5.0, -3.0, low_m], [5.0, 3.0, high_m]);
+        assert_eq!(found.len(), 1, "{low_m} {high_m}: {found:?}");
+        assert_eq!(found[0].severity, Severity::Doubtful, "{found:?}");
+        assert!(found[0].found.contains(words), "{found:?}");
+        assert!(found[0].remedy.contains("floor_m"), "{found:?}");
+    }
+}
+
+#[test]
+fn a_field_in_millimetres_and_a_narrow_one_are_suspect() {
+    let wide = with_field([-4000.0, -3000.0, -300.0], [4000.0, 3000.0, 2400.0]);
+    assert_eq!(wide.len(), 1, "{wide:?}");
+    assert!(wide[0].found.contains("8000 m by 6000 m"), "{wide:?}");
+    assert!(wide[0].remedy.contains("millimetres by 0.001"), "{wide:?}");
+    let narrow = with_field([-0.15, -3.0, -0.3], [0.15, 3.0, 2.4]);
+    assert_eq!(narrow.len(), 1, "{narrow:?}");
+    assert!(narrow[0].found.contains("0.30 m by 6.00 m"), "{narrow:?}");
+}
+
+#[test]
+fn fields_of_treadmill_stage_and_stadium_have_no_findings() {
+    assert_eq!(with_field([-0.225, -1.0, -0.1], [0.225, 1.0, 2.2]), []);
+    assert_eq!(with_field([-5.0, -3.0, 0.9], [5.0, 3.0, 3.5]), []);
+    assert_eq!(with_field([-150.0, -110.0, -0.5], [150.0, 110.0, 2.6]), []);
+}
+
+#[test]
+fn cameras_above_people_that_all_look_up_are_a_mirror_image() {
+    let looking_at = |z_m: f64, height_m: f64| {
+        with_all(|camera| {
+            camera.center_m.z = height_m;
+            let at_m = Vector3::new(0.0, 0.0, z_m);
+            camera.rotation = looking(camera.center_m, at_m);
+        })
+    };
+    let causes = |cameras: &[Given]| -> Vec<Cause> {
+        findings(cameras)
+            .iter()
+            .map(|finding| finding.cause)
+            .collect()
+    };
+    let mirrored = looking_at(4.0, 2.5);
+    assert!(
+        causes(&mirrored).contains(&Cause::LookUp),
+        "{:?}",
+        findings(&mirrored)
+    );
+    // Level on tripods, from the ground, and one that looks up among others.
+    let mut one = hall();
+    one[1] = mirrored[1].clone();
+    for (what, cameras) in [
+        ("level", looking_at(1.8, 1.6)),
+        ("from the ground", looking_at(1.5, 0.3)),
+        ("one", one),
+    ] {
+        assert!(!causes(&cameras).contains(&Cause::LookUp), "{what}");
+    }
 }

@@ -145,7 +145,9 @@ fn no_agreement(sights: &[Sight]) -> Finding {
             sights.len()
         ),
         expected: "most pictures upright".to_owned(),
-        remedy: "look at `rotation`: world to camera, radians, in the order of the calibration's cameras".to_owned(),
+        remedy:
+            "check `rotation`: world to camera, radians, in the order of the calibration's cameras"
+                .to_owned(),
     }
 }
 

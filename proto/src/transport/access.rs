@@ -5,9 +5,8 @@
 //! and contains a generation; older generations are denied everything. Directions are those of the
 //! node with the rules: `ingress` is incoming.
 
-use super::ZenohSetting;
 use super::generations::{AHEAD, BEHIND, Generations};
-use super::json::{list, quoted};
+use super::{ZenohSetting, list, quoted};
 use crate::key::Keys;
 
 /// Fusion's name among the nodes.

@@ -23,13 +23,9 @@ mod access;
 pub mod endpoint;
 mod exposure;
 mod generations;
-mod json;
-pub mod words;
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-
-use json::{list, quoted};
 
 use crate::transport::endpoint::scheme;
 
@@ -273,6 +269,44 @@ fn pairs<const N: usize>(settings: [(&str, String); N]) -> Vec<ZenohSetting> {
         .collect()
 }
 
+/// `text` as a JSON string.
+fn quoted(text: &str) -> String {
+    let mut quoted = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => quoted.extend(['\\', c]),
+            c if c.is_control() => quoted.extend(format!("\\u{:04x}", u32::from(c)).chars()),
+            c => quoted.push(c),
+        }
+    }
+    quoted.push('"');
+    quoted
+}
+
+/// `texts` as a JSON array.
+fn list(texts: &[impl AsRef<str>]) -> String {
+    let texts: Vec<String> = texts.iter().map(|text| quoted(text.as_ref())).collect();
+    format!("[{}]", texts.join(","))
+}
+
+/// Zenoh's message without the places in its own source, ` at FILE.rs:LINE.`, which do not help an
+/// operator.
+pub fn without_places(text: &str) -> String {
+    let mut parts = text.split(" at ");
+    let mut kept = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let end = part.find(|c: char| c.is_whitespace() || c == ']');
+        let (word, rest) = part.split_at(end.unwrap_or(part.len()));
+        if word.contains(".rs:") {
+            kept.push_str(rest);
+        } else {
+            kept.push_str(" at ");
+            kept.push_str(part);
+        }
+    }
+    kept
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -349,5 +383,21 @@ mod tests {
         assert!(tls.contains("enable_mtls: true"), "{tls}");
         assert!(tls.contains("\"certs/fusion.key\""), "{tls}");
         assert!(value(&settings, "access_control").is_some());
+    }
+
+    #[test]
+    fn quotes_and_control_characters_are_escaped() {
+        assert_eq!(quoted("a\"b\\c\n\u{7f}é"), r#""a\"b\\c\u000a\u007fé""#);
+        assert_eq!(list(&["a", "b"]), r#"["a","b"]"#);
+        assert_eq!(list(&[] as &[&str]), "[]");
+    }
+
+    #[test]
+    fn source_places_are_removed_from_zenohs_messages() {
+        let message = "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98) at /r/src/a-1/unicast.rs:367.] at /r/src/b-2/tcp.rs:12. - Caused by x";
+        assert_eq!(
+            without_places(message),
+            "Can not create a new TCP listener at [::]:1: [tcp: Address in use (os error 98)] - Caused by x"
+        );
     }
 }

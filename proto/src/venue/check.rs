@@ -1,20 +1,19 @@
-//! Converts the parsed file to a checked venue.
+//! Converts the parsed file to a checked venue; limits of its ticks and coordinates.
 
 use std::collections::BTreeSet;
 
 use super::field::{court, field};
-use super::given::given_persons;
 use super::inference::{Provider, providers};
-use super::limits::tick;
 use super::parameters::ParameterTables;
+use super::people::{given_persons, subjects};
 use super::raw::{RawFusion, RawSecurity, RawVenue, RawViewpoint};
 use super::source::{source, timing};
 use super::stream::streams;
-use super::subject::subjects;
 use super::{Endpoints, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint};
 use crate::calibration::Calibration;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::key::is_key_chunk;
+use crate::tick::Tick;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 use crate::transport::endpoint::is_endpoint;
 use crate::transport::{FUSION, READER, RECORDER};
@@ -25,8 +24,8 @@ const MAX_RATE_HZ: f64 = 1000.0;
 /// Reserved names of viewpoints, with their owners.
 const TAKEN_NAMES: [(&str, &str); 4] = [
     (FUSION, "the fusion node"),
-    (READER, "those who only listen"),
-    (RECORDER, "the node that records"),
+    (READER, "readers"),
+    (RECORDER, "the recorder node"),
     ("ca", "the venue's authority"),
 ];
 /// Most viewpoints of a venue.
@@ -244,7 +243,7 @@ fn security(file: &TomlFile<'_>, raw: RawSecurity) -> Result<Security, FileError
     };
     if raw.pictures && raw.allow_plaintext {
         let place = Place::field("security").key("pictures");
-        let problem = "pictures leave an edge over TLS only: take out `allow_plaintext`, or say `pictures = false`";
+        let problem = "pictures leave an edge over TLS only: remove `allow_plaintext`, or set `pictures = false`";
         return Err(file.error(&place, problem));
     }
     Ok(Security {
@@ -252,4 +251,24 @@ fn security(file: &TomlFile<'_>, raw: RawSecurity) -> Result<Security, FileError
         allow_plaintext: raw.allow_plaintext,
         pictures: raw.pictures,
     })
+}
+
+/// Largest coordinate, world, metres.
+pub(super) const MAX_COORDINATE_M: f64 = 1e4;
+/// Ticks farther from zero have no exact time in seconds.
+const MAX_TICK: i64 = 1 << 53;
+
+/// The `tick` at `place`.
+///
+/// # Errors
+/// [`FileError`] when it is too far from zero.
+pub(super) fn tick(file: &TomlFile<'_>, place: &Place, tick: i64) -> Result<Tick, FileError> {
+    if (-MAX_TICK..=MAX_TICK).contains(&tick) {
+        return Ok(Tick(tick));
+    }
+    let problem = format!(
+        "found {tick}, expected a tick from {} to {MAX_TICK}",
+        -MAX_TICK
+    );
+    Err(file.error(place, problem))
 }

@@ -1,6 +1,6 @@
 //! `[field]`: the tracked box, and the court on its floor.
 
-use super::limits::MAX_COORDINATE_M;
+use super::check::MAX_COORDINATE_M;
 use super::raw::RawField;
 use super::{Field, VenueCamera};
 use crate::court::{Court, PlacedCourt};

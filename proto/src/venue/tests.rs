@@ -1,15 +1,13 @@
 //! Tests of the venue file.
 
-mod layout;
 mod people;
 mod sources;
-mod streams;
-mod subjects;
 
 use std::path::Path;
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::parameters::{Audience, PARAMETERS};
 use super::*;
 use crate::camera::{Distortion, Intrinsics};
 use crate::frames::Transform;
@@ -162,7 +160,7 @@ fn pictures_leave_an_edge_only_if_allowed_and_over_tls() {
     let refused = security("allow_plaintext = true\npictures = true").unwrap_err();
     assert_eq!(
         refused.to_string(),
-        "venues/hall.toml:12: `security.pictures`: pictures leave an edge over TLS only: take out `allow_plaintext`, or say `pictures = false`"
+        "venues/hall.toml:12: `security.pictures`: pictures leave an edge over TLS only: remove `allow_plaintext`, or set `pictures = false`"
     );
 }
 
@@ -388,4 +386,130 @@ fn ticks_without_an_exact_time_are_refused() {
     );
     let last = VENUE.replace("first_tick = 300", "first_tick = 9007199254740992");
     assert_eq!(parse(&last).unwrap().first_tick, Tick(1 << 53));
+}
+
+/// A table of the venue in these tests at which parameters may be.
+const TUNED: &str = "[tuning]\nlattice.half_width_m = 0.3";
+
+#[test]
+fn a_field_of_tuning_is_refused_elsewhere_with_its_place() {
+    check(
+        TUNED,
+        "[births]\nflat_m = 0.05",
+        "34: `births.flat_m`: it belongs at `[tuning] births.flat_m`",
+    );
+    check(
+        TUNED,
+        "[smoothing]\ndelay_ms = 100.0\ncutoff_hz = 2.0\n[ik]\niterations = 12",
+        "35: `smoothing.cutoff_hz`: it belongs at `[tuning] smoothing.cutoff_hz`",
+    );
+    check(
+        TUNED,
+        "[contact]",
+        "33: `contact`: it belongs at `[tuning] contact`",
+    );
+}
+
+#[test]
+fn a_users_field_is_refused_under_tuning() {
+    check(
+        TUNED,
+        "[tuning]\nbirths.flat_m = 0.05\nbirths.coast_s = 2.0",
+        "35: `tuning.births.coast_s`: `coast_s` is a user's field: write it in `[births]`",
+    );
+}
+
+#[test]
+fn an_unknown_field_is_refused_with_the_place_of_the_nearest() {
+    check(
+        TUNED,
+        "[smoothing]\ncutof_hz = 2.0",
+        "34: `smoothing.cutof_hz`: unknown field `cutof_hz`, did you mean `[tuning] smoothing.cutoff_hz`?",
+    );
+    check(
+        TUNED,
+        "[tuning]\nbirths.coasts_s = 2.0",
+        "34: `tuning.births.coasts_s`: unknown field `coasts_s`, did you mean `[births] coast_s`?",
+    );
+}
+
+#[test]
+fn every_tuning_field_in_a_users_table_is_refused_with_its_place() {
+    let tuning = PARAMETERS.iter().filter(|p| p.audience == Audience::Tuning);
+    for (table, name) in tuning.map(|p| (p.table, p.name)) {
+        check(
+            TUNED,
+            &format!("[{table}]\n{name} = 1"),
+            &format!("34: `{table}.{name}`: it belongs at `[tuning] {table}.{name}`"),
+        );
+    }
+}
+
+fn with_streams(text: &str) -> String {
+    VENUE.replace("[tuning]", &format!("{text}\n[tuning]"))
+}
+
+#[test]
+fn streams_are_text_with_their_lines() {
+    let text = with_streams(
+        "[[stream]]\nto = \"vmc\"\naddress = \"127.0.0.1:39539\"\n[[stream]]\nto = \"carrier-pigeon\"",
+    );
+    let venue = parse(&text).unwrap();
+    let [vmc, other] = &venue.streams[..] else {
+        panic!("{:?}", venue.streams)
+    };
+    assert_eq!(vmc.to, "vmc");
+    assert_eq!(vmc.address.as_deref(), Some("127.0.0.1:39539"));
+    // Unknown protocols are refused by the command that opens streams; an edge opens none.
+    assert_eq!(
+        (other.to.as_str(), &other.address),
+        ("carrier-pigeon", &None)
+    );
+    let at = |field| other.error(field, "found it").to_string();
+    assert_eq!(
+        at(StreamField::To),
+        "venues/hall.toml:37: `stream[1].to`: found it"
+    );
+    // For an absent field, the line of its table.
+    assert_eq!(
+        at(StreamField::Address),
+        "venues/hall.toml:36: `stream[1].address`: found it"
+    );
+}
+
+#[test]
+fn impossible_streams_are_refused_with_line_and_field() {
+    let refused = |text: &str| parse(&with_streams(text)).unwrap_err().to_string();
+    for (text, expected) in [
+        (
+            "[[stream]]\nto = \"\"",
+            "34: `stream[0].to`: found \"\", expected the name of a protocol",
+        ),
+        (
+            "[[stream]]\nto = \"v m\"",
+            "34: `stream[0].to`: found \"v m\"",
+        ),
+        (
+            "[[stream]]\nto = \"qtm\"\naddress = \"\"",
+            "35: `stream[0].address`: found \"\", expected an address",
+        ),
+        (
+            "[[stream]]\nto = \"qtm\"\n[[stream]]\nto = \"qtm\"",
+            "36: `stream[1].to`: found \"qtm\" a second time",
+        ),
+        (
+            "[[stream]]\nname = \"qtm\"",
+            "34: `stream[0].name`: unknown field `name`",
+        ),
+        (
+            "[[stream]]\naddress = \"::1\"",
+            "`stream[0].to`: the field is missing",
+        ),
+    ] {
+        let message = refused(text);
+        assert!(message.contains(expected), "{message}\n{expected}");
+    }
+    let many = (0..33).map(|i| format!("[[stream]]\nto = \"s{i}\"\n"));
+    let many = many.collect::<Vec<_>>().concat();
+    assert!(refused(&many).contains("`stream`: found 33, expected at most 32"));
 }

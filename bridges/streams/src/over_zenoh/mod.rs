@@ -1,11 +1,12 @@
 //! Streams over Zenoh: poses as JSON on a key, and ROS 2's messages as `rmw_zenoh` expects them.
 //!
-//! Each has a session of its own, which has nothing to do with that of the venue's nodes: neither its keys nor its links.
-//! The stream of JSON is a peer that subscribers connect to; that of ROS 2 is a client of the router that ROS 2's nodes
-//! connect to, and waits for it. Nothing is scouted for.
+//! Each has a session of its own, which has nothing to do with that of the venue's nodes: neither
+//! its keys nor its links. The stream of JSON is a peer that subscribers connect to; that of ROS 2
+//! is a client of the router that ROS 2's nodes connect to, and waits for it. Nothing is scouted
+//! for.
 //!
-//! Zenoh's calls may wait, and do not work on the runtime of the streams: they have a thread. Where it is slow, frames are
-//! skipped.
+//! Zenoh's calls may wait, and do not work on the runtime of the streams: they have a thread. Where
+//! it is slow, frames are skipped.
 
 mod json;
 mod ros2;
@@ -15,7 +16,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use farfield_proto::transport::words::without_places;
+use farfield_proto::transport::without_places;
 use tokio::sync::mpsc::error::TryRecvError;
 use tokio::sync::{mpsc, oneshot};
 use zenoh::{Config, Session, Wait as _};

@@ -188,7 +188,7 @@ impl<'de> Deserialize<'de> for Read {
             Form::Other(sighting) => Some(sighting),
         };
         read.map(Self)
-            .ok_or_else(|| D::Error::custom("other keypoints than it says"))
+            .ok_or_else(|| D::Error::custom("a wrong number of keypoints"))
     }
 }
 

@@ -1,7 +1,7 @@
 //! The contexts of the range coder: probabilities that adapt within a patch and start with the
 //! priors.
 
-use super::peak_predictor::CLASSES;
+use super::mode_coder::CLASSES;
 use super::priors::PRIORS;
 use crate::patch::entropy::range_coder::Probability;
 use crate::patch::entropy::symbol::NUMBER;
@@ -56,7 +56,7 @@ impl Contexts {
         &mut self.all[first..first + length]
     }
 
-    /// Contexts of a position along an axis, in a class of [`super::peak_predictor`].
+    /// Contexts of a position along an axis, in a class of [`super::mode_coder`].
     pub(in crate::patch) fn position(&mut self, class: usize, axis: usize) -> &mut [Probability] {
         self.part((2 * class + axis) * NUMBER, NUMBER)
     }

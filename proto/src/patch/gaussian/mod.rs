@@ -13,7 +13,6 @@ pub(in crate::patch) mod explain;
 mod fit;
 pub(in crate::patch) mod mode;
 pub(in crate::patch) mod mode_coder;
-mod peak_predictor;
 mod priors;
 pub(in crate::patch) mod recipe;
 mod rounding;
