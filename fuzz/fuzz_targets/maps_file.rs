@@ -1,4 +1,4 @@
-//! Files of maps made beforehand: see `maps_file` in `tests/lab/src/hostile_input/`.
+//! Files of precomputed maps: see `maps_file` in `tests/lab/src/hostile_input/`.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| farfield_fuzz::run("maps_file", bytes));

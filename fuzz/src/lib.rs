@@ -1,13 +1,15 @@
-//! The bodies of the fuzz targets, which the project's own tests replay the corpus through. `cargo fuzz`
-//! works on a folder: `lab fuzz-corpus unpack` writes it, and `lab fuzz-corpus pack` takes it back.
+//! The bodies of the fuzz targets; the project's own tests also replay the corpus with them.
+//!
+//! `cargo fuzz` works on a folder: `lab fuzz-corpus unpack` writes it, and `lab fuzz-corpus pack`
+//! packs it again.
 
 #[path = "../../tests/lab/src/hostile_input/mod.rs"]
 pub mod hostile_input;
 
-/// Takes `bytes` through the target of this name.
+/// Runs the target of this name on `bytes`.
 ///
 /// # Panics
-/// When there is none, or when it broke a promise.
+/// For an unknown target, or when the target violates one of its guarantees.
 pub fn run(target: &str, bytes: &[u8]) {
     let target = hostile_input::target(target).expect("each fuzz target has a body");
     std::hint::black_box(target(bytes));

@@ -18,7 +18,6 @@
 
 pub mod body;
 pub mod embedded;
-mod embedded_files;
 pub mod fault_profile;
 pub mod faults;
 pub mod keypoint_venue;

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::axes::across;
+use super::parts::across;
 
 /// The part of the body that a cone belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

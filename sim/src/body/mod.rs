@@ -4,11 +4,9 @@
 //! width and the clothes. The module does not use fusion's skeletal model; the joints may come from
 //! any clip.
 
-mod axes;
 mod build;
 mod cone;
-mod limbs;
-mod trunk;
+mod parts;
 mod volume;
 
 pub use build::{Build, Color, Hair, ShirtPattern};

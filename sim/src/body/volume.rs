@@ -4,10 +4,9 @@ use farfield_fusion::body::skeleton::Joints;
 use farfield_fusion::body::skeleton::{Joint, Side};
 use nalgebra::{Matrix3, Vector3};
 
-use super::axes::TrunkAxes;
 use super::build::Build;
 use super::cone::{BodyPart, Cone};
-use super::{limbs, trunk};
+use super::parts::{self, TrunkAxes};
 
 /// A point this close behind a surface counts as on it, metres.
 const ON_SURFACE_M: f64 = 0.02;
@@ -34,10 +33,10 @@ impl Volume {
     pub fn new(joints_m: &Joints, build: &Build) -> Self {
         let axes = TrunkAxes::of(joints_m);
         let mut cones = Vec::with_capacity(48);
-        trunk::add(&mut cones, joints_m, &axes, build);
+        parts::add_trunk(&mut cones, joints_m, &axes, build);
         for side in Side::BOTH {
-            limbs::add_leg(&mut cones, joints_m, build, &axes, side);
-            limbs::add_arm(&mut cones, joints_m, &axes, build, side);
+            parts::add_leg(&mut cones, joints_m, build, &axes, side);
+            parts::add_arm(&mut cones, joints_m, &axes, build, side);
         }
         let at = |j: Joint| joints_m[j as usize];
         let bound_m = bound_of(&cones, at(Joint::Pelvis));

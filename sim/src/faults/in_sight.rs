@@ -82,7 +82,7 @@ mod tests {
     use super::super::observe::{ImagedPerson, MapObservation};
     use super::super::{MapFaults, SceneCrowd};
     use super::*;
-    use crate::embedded_files::CLIPS;
+    use crate::embedded::CLIPS;
     use crate::motion::Clip;
 
     /// One person in the middle, two viewpoints in the south, two in the north, and only the faults

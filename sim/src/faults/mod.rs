@@ -14,7 +14,6 @@ mod crowd;
 mod in_sight;
 mod observe;
 mod paint;
-mod stored;
 mod streams;
 
 use std::sync::Arc;
@@ -26,8 +25,7 @@ use self::observe::CameraFaults;
 use crate::scene::Scene;
 
 pub use crowd::SceneCrowd;
-pub use observe::MapObservation;
-pub use stored::StoredMapObservation;
+pub use observe::{MapObservation, StoredMapObservation};
 
 /// The maps of one camera of a scene, tick by tick.
 #[derive(Debug)]

@@ -14,18 +14,16 @@
 //! BLAKE3 of all before: 32 bytes
 //! ```
 
-mod course;
 mod read;
 mod source;
 mod write;
 
 use serde::{Deserialize, Serialize};
 
-pub use course::Course;
 pub use read::{MapsFile, MapsFileError};
 pub use source::MapsSource;
 pub(crate) use source::{load, same_rate, ticks_of};
-pub use write::write_maps;
+pub use write::{Course, write_maps};
 
 /// Start of a file; the last byte is the version.
 const MAGIC: [u8; 15] = *b"FARFIELD-MAPS\0\x01";

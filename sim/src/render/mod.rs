@@ -14,7 +14,6 @@ mod place;
 mod renderer;
 mod sensor;
 mod shade;
-mod tiles;
 mod view;
 
 pub use backdrop::Backdrop;

@@ -5,13 +5,12 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::backdrop::{Backdrop, shifts_px};
-use super::cast::{Hits, NOTHING};
+use super::cast::{ConeOwner, Hits, NOTHING, TileMoment, shadow_box};
 use super::figure::Figure;
 use super::grain;
 use super::place::Light;
 use super::sensor::Sensor;
 use super::shade::Shade;
-use super::tiles::{ConeOwner, TileMoment, shadow_box};
 use super::view::{CameraView, PixelBox, TILE};
 
 /// The input of one picture.

@@ -176,7 +176,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::embedded_files::CLIPS;
+    use crate::embedded::CLIPS;
     use crate::motion::Clip;
 
     /// The pictures of two opposite viewpoints at 0 s and 1 s, of a field with `added`.

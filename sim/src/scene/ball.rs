@@ -5,7 +5,7 @@ use nalgebra::{Vector2, Vector3};
 use rand::RngExt as _;
 
 use super::Scene;
-use super::draws::{Purpose, draws};
+use super::{Purpose, draws};
 
 /// Radius of the ball, metres.
 pub const BALL_RADIUS_M: f64 = 0.11;

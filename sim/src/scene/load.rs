@@ -11,9 +11,9 @@ use rand::RngExt as _;
 
 use super::SceneViewpoint;
 use super::cameras::{self, CameraRig};
-use super::draws::{Purpose, draws};
 use super::file::{CameraSource, MAX_PEOPLE, SceneFile};
 use super::poster::Poster;
+use super::{Purpose, draws};
 use crate::motion::Clip;
 
 pub(super) fn read(path: &Path) -> Result<String, FileError> {
@@ -32,7 +32,7 @@ pub(super) fn mount(file: &SceneFile, toml: &TomlFile<'_>) -> Result<CameraRig, 
         } => (calibration, viewpoints),
     };
     let text = read(calibration).map_err(|error| {
-        let problem = format!("{error}; its path counts from the folder of the scene file");
+        let problem = format!("{error}; its path is relative to the folder of the scene file");
         toml.error(&Place::field("calibration"), problem)
     })?;
     let calibration = Calibration::parse(&text, calibration)?;
@@ -84,7 +84,7 @@ impl<'a> Clips<'a> {
             let remedy = if path.is_file() {
                 ""
             } else {
-                "; the path of a clip counts from the folder of the scene file"
+                "; the path of a clip is relative to the folder of the scene file"
             };
             toml.error(place, format!("{error}{remedy}"))
         })?;
@@ -147,7 +147,7 @@ mod tests {
     use std::fs;
 
     use super::super::Scene;
-    use crate::embedded_files::CLIPS;
+    use crate::embedded::CLIPS;
 
     /// The error for a scene with the text `added`, next to a clip `walk.bvh` with the text `walk`.
     fn refusal(walk: &str, added: &str) -> String {
@@ -179,7 +179,7 @@ mod tests {
                 "scene.toml:12: `person[0].clips[1]`: ",
                 "runn.bvh: cannot be read",
                 "expected a motion clip (BVH)",
-                "counts from the folder of the scene file",
+                "is relative to the folder of the scene file",
             ],
         );
         let poster =
@@ -195,7 +195,7 @@ mod tests {
             &message,
             &["scene.toml:11: `person[0].clips[0]`: ", "walk.bvh"],
         );
-        assert!(!message.contains("counts from"), "{message}");
+        assert!(!message.contains("is relative to"), "{message}");
     }
 
     #[test]

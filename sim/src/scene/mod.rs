@@ -7,7 +7,6 @@
 
 mod ball;
 mod cameras;
-mod draws;
 pub mod file;
 mod load;
 mod mirror;
@@ -26,12 +25,12 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::{FileError, TomlFile};
 use nalgebra::Vector3;
-use rand::RngExt as _;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
 
 pub use self::ball::BALL_RADIUS_M;
 use self::ball::Ball;
 use self::cameras::CameraRig;
-use self::draws::{Purpose, draws};
 use self::file::SceneFile;
 use self::load::{Clips, load_posters, mount, read, truth_numbers};
 pub use self::mirror::Mirror;
@@ -315,6 +314,26 @@ impl Scene {
         let seconds = seconds.max(0.0).min(self.seconds);
         Self { seconds, ..self }
     }
+}
+
+/// The purpose of a draw.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Purpose {
+    /// Lenses of generated cameras.
+    Cameras = 1,
+    /// The network's own definition of hips and knees.
+    Definition = 2,
+    /// The receivers of the ball.
+    Ball = 3,
+    /// Shape and clothes of a person.
+    Build = 4,
+}
+
+/// The stream of `purpose` for item `index`.
+fn draws(seed: u64, purpose: Purpose, index: usize) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(((purpose as u64) << 32) | index as u64);
+    rng
 }
 
 #[cfg(test)]

@@ -95,7 +95,7 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
-    use crate::embedded_files::CLIPS;
+    use crate::embedded::CLIPS;
 
     fn poster(heading_rad: f64) -> Poster {
         let (name, text) = CLIPS[0];

@@ -117,7 +117,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::super::Scene;
-    use crate::embedded_files::CLIPS;
+    use crate::embedded::CLIPS;
     use crate::motion::Clip;
 
     fn refusal(added: &str) -> String {
@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_lost_entry_without_a_name_applies_to_all_people() {
-        let text = crate::embedded_files::SCENES
+        let text = crate::embedded::SCENES
             .iter()
             .find(|s| s.0 == "court")
             .unwrap()

@@ -11,7 +11,7 @@ use farfield_proto::keypoints::COCO17;
 use nalgebra::{Matrix3, Rotation3, UnitVector3, Vector3};
 use rand::RngExt as _;
 
-use super::draws::{Purpose, draws};
+use super::{Purpose, draws};
 
 /// Number of keypoints.
 pub const N_SITES: usize = COCO17.len();

@@ -3,7 +3,7 @@
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::color::color;
+use super::light::color;
 use crate::render::grain;
 
 /// Beyond this distance fine texture is smaller than a pixel and only its mean is drawn, metres.

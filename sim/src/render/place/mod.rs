@@ -1,6 +1,5 @@
 //! The surroundings of the people: floor, field, walls, stands, sky and clutter, drawn from a seed.
 
-mod color;
 mod floor;
 mod light;
 
@@ -8,10 +7,10 @@ use nalgebra::Vector3;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use self::color::color;
-pub(super) use self::color::times;
 use self::floor::Floor;
 pub use self::light::Light;
+use self::light::color;
+pub(super) use self::light::times;
 use super::grain;
 
 /// Clutter closer to a camera would fill its picture, metres.

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use farfield_proto::toml_file::{FileError, Place, TomlFile};
 
-use super::raw::{PersonTable, SceneTable, ViewpointTable};
+use super::entries::{PersonTable, SceneTable, ViewpointTable};
 use super::{
     CameraSource, GeneratedCameras, MAX_CAMERAS, MAX_FIGURES, MAX_MIRRORS, MAX_PEOPLE,
     MAX_PERSON_SECONDS, MAX_TICKS,

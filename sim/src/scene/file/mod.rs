@@ -6,15 +6,14 @@
 
 mod check;
 mod entries;
-mod raw;
 
 use std::path::{Path, PathBuf};
 
 use self::check::Check;
+use self::entries::SceneTable;
 pub use self::entries::{
     CameraSource, GeneratedCameras, LostEntry, MirrorEntry, PathEntry, PersonEntry, PosterEntry,
 };
-use self::raw::SceneTable;
 use crate::fault_profile::FaultProfile;
 use farfield_proto::toml_file::{FileError, TomlFile};
 
