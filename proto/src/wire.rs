@@ -151,7 +151,7 @@ impl Default for SpokenVersion {
 impl SpokenVersion {
     /// Notes a status of the node, and the newest version that it `reads`; `None` means the version
     /// of the status.
-    pub fn hear(&self, status: &[u8], reads: Option<u8>) {
+    pub fn note_status(&self, status: &[u8], reads: Option<u8>) {
         if let Some(version) = reads.or_else(|| status.first().copied()) {
             let spoken = version.clamp(OLDEST_WRITTEN, VERSION);
             self.0.store(spoken, Ordering::Relaxed);

@@ -93,7 +93,7 @@ pub(super) async fn remind(waiting: impl Fn() -> Option<String>) -> Infallible {
     loop {
         reminders.tick().await;
         if let Some(line) = waiting() {
-            service_manager::tell(&line);
+            service_manager::report(&line);
             say(format_args!("{line}"));
         }
     }

@@ -194,7 +194,7 @@ fn read(topic: EdgeTopic, sample: &Sample, spoken: &SpokenVersion) -> Option<Edg
     let key = sample.key_expr().as_str();
     let payload = sample.payload().to_bytes();
     if let EdgeTopic::Fusion = topic {
-        spoken.hear(&payload, session::reads_at_most(sample));
+        spoken.note_status(&payload, session::reads_at_most(sample));
     }
     let incoming = match topic {
         EdgeTopic::Boxes => wire::decode(&payload).map(EdgeIncoming::Boxes),

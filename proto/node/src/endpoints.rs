@@ -70,7 +70,7 @@ impl LinkEnd {
         }
     }
 
-    fn of(self, endpoints: &Endpoints) -> &[String] {
+    fn endpoints_in(self, endpoints: &Endpoints) -> &[String] {
         match self {
             Self::Listen => &endpoints.listen,
             Self::Connect => &endpoints.connect,
@@ -105,7 +105,7 @@ impl LinkRequest<'_> {
             has_keys: identity.is_some(),
             allow_plaintext: self.allow_plaintext || venue.security.allow_plaintext,
         };
-        let known = self.side.of(&venue.endpoints);
+        let known = self.side.endpoints_in(&venue.endpoints);
         let endpoints = exposure.choose(self.endpoints.to_vec(), known);
         Ok(Reach {
             endpoints: endpoints.map_err(NodeError::refused)?,

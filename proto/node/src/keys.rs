@@ -49,10 +49,10 @@ pub fn check_own(
     (venue, node): (&str, &str),
     now_s: i64,
 ) -> Result<(), FileError> {
-    check_name(identity, (venue, node))?;
+    check_name(identity, venue, node)?;
     let chain = certificates_in(&identity.certificate, &format!("that of {node}"))?;
     check_key(identity, &chain)?;
-    check_signature((identity, node), &chain, now_s)
+    check_signature(identity, node, &chain, now_s)
 }
 
 /// Refuses a file that does not contain certificates of authorities.
@@ -69,7 +69,7 @@ pub fn node_of<'a>(venue: &str, common_name: &'a str) -> Option<(&'a str, u32)> 
     generation_of(common_name).filter(|_| rest.starts_with('/'))
 }
 
-fn check_name(identity: &Identity, (venue, node): (&str, &str)) -> Result<(), FileError> {
+fn check_name(identity: &Identity, venue: &str, node: &str) -> Result<(), FileError> {
     let path = &identity.certificate;
     let name = common_name_in(path)?;
     // Readers of releases without generations share one name.
@@ -109,7 +109,8 @@ fn check_key(identity: &Identity, chain: &[CertificateDer<'static>]) -> Result<(
 
 /// `chain`: the certificate, then those of intermediate authorities.
 fn check_signature(
-    (identity, node): (&Identity, &str),
+    identity: &Identity,
+    node: &str,
     chain: &[CertificateDer<'static>],
     now_s: i64,
 ) -> Result<(), FileError> {

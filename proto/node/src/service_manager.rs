@@ -35,7 +35,7 @@ fn worked() -> MutexGuard<'static, Option<Instant>> {
 }
 
 /// Reports in a line what the node does, for `systemctl status`.
-pub fn tell(line: &str) {
+pub fn report(line: &str) {
     send(NotifyState::Status(&plain_text::one_line(line)));
 }
 

@@ -17,7 +17,7 @@ pub(super) struct Drawing {
 }
 
 impl Drawing {
-    pub(super) fn of(size_m: [f64; 2]) -> Self {
+    pub(super) fn new(size_m: [f64; 2]) -> Self {
         Self {
             half_m: size_m.map(|s| 0.5 * s),
             marks: Vec::new(),

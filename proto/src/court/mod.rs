@@ -159,7 +159,7 @@ impl Court {
                 size_m[0], size_m[1], rules.source
             ));
         }
-        let mut drawing = Drawing::of(size_m);
+        let mut drawing = Drawing::new(size_m);
         (rules.draw)(&mut drawing);
         let (marks, lines) = drawing.finished();
         Ok(Self {

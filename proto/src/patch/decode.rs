@@ -46,7 +46,7 @@ impl Decoder {
         );
         let mut reader = BitReader::new(&encoded.bytes);
         let level = plain(&mut reader, LEVEL_BITS, 0) as u8;
-        match Recipe::of(CompressionLevel::new(level)) {
+        match Recipe::for_level(CompressionLevel::new(level)) {
             None => self.exact(&mut reader, into),
             Some(recipe) => self.modes(&mut reader, &recipe, into),
         }?;
@@ -78,7 +78,7 @@ impl Decoder {
         recipe: &Recipe,
         into: &mut Maps,
     ) -> Result<(), PatchError> {
-        let scale = MapScale::of(into);
+        let scale = MapScale::from_maps(into);
         let rest = STEPS_DOWN[plain(reader, STEP_BITS, 0) as usize % STEPS_DOWN.len()];
         self.model.contexts.reset();
         self.model.begin(into.keypoints(), &scale);

@@ -62,7 +62,7 @@ impl Encoder {
     /// Allocates nothing once all buffers have their size.
     pub fn encode_into(&mut self, maps: &Maps, level: CompressionLevel, bytes: &mut Vec<u8>) {
         bytes.clear();
-        match Recipe::of(level) {
+        match Recipe::for_level(level) {
             None => self.exact(maps, FLOOR, bytes),
             Some(recipe) => self.modes(maps, level, &recipe, bytes),
         }
@@ -87,7 +87,7 @@ impl Encoder {
         most: usize,
     ) -> EncodedMaps {
         let mut bytes = Vec::new();
-        if let Some(mut recipe) = Recipe::of(level) {
+        if let Some(mut recipe) = Recipe::for_level(level) {
             recipe.modes = most.min(recipe.modes);
             recipe.first = NO_CORRECTION;
             recipe.most_bytes = usize::MAX;
@@ -145,13 +145,13 @@ impl Encoder {
             if bytes.len() <= recipe.most_bytes || down == last {
                 return;
             }
-            // Each step roughly halves the bytes, or less.
+            // A step at most halves the bytes.
             down += (bytes.len() / recipe.most_bytes).clamp(1, last - down);
         }
     }
 
     fn explain(&mut self, maps: &Maps, recipe: &Recipe, further: u8) {
-        let scale = MapScale::of(maps);
+        let scale = MapScale::from_maps(maps);
         let n = maps.keypoints();
         self.explained
             .resize_with(n.max(self.explained.len()), Explained::default);
@@ -162,7 +162,7 @@ impl Encoder {
     }
 
     fn write(&mut self, writer: &mut BitWriter, maps: &Maps, recipe: &Recipe, rest: Rest) {
-        let scale = MapScale::of(maps);
+        let scale = MapScale::from_maps(maps);
         if self.resets {
             self.model.contexts.reset();
         }
@@ -189,8 +189,8 @@ impl Encoder {
     /// no cell is above the floor. For callers that need keypoints only: an edge that follows
     /// people itself, and comparisons.
     pub fn peaks(&mut self, maps: &Maps) -> Vec<Option<([f32; 2], f32)>> {
-        let scale = MapScale::of(maps);
-        let Some(mut recipe) = Recipe::of(CompressionLevel::new(1)) else {
+        let scale = MapScale::from_maps(maps);
+        let Some(mut recipe) = Recipe::for_level(CompressionLevel::new(1)) else {
             return Vec::new();
         };
         recipe.modes = 1;

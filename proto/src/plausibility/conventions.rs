@@ -139,7 +139,7 @@ pub(super) fn of_all(venue: &Venue, findings: &[Finding]) -> Option<Finding> {
 fn all_is_well(venue: &Venue, cameras: Vec<VenueCamera>) -> bool {
     let mut read = venue.clone();
     read.cameras = cameras;
-    let sights: Vec<Sight> = read.cameras.iter().map(Sight::of).collect();
+    let sights: Vec<Sight> = read.cameras.iter().map(Sight::from_camera).collect();
     read.field = places::around(&sights, &venue.field);
     let seen = coverage(&read);
     standing(&sights, &read.field).is_empty() && coverage::findings(&read, &seen).is_empty()
@@ -156,7 +156,7 @@ pub(super) fn of_single(venue: &Venue, seen: &Coverage, findings: &mut Vec<Findi
             let Some(read) = convention.of_camera(camera) else {
                 return false;
             };
-            let sight = [Sight::of(&read)];
+            let sight = [Sight::from_camera(&read)];
             let mut alone = venue.clone();
             alone.cameras = vec![read];
             upright::findings(&sight, &venue.field).is_empty()

@@ -132,7 +132,7 @@ pub fn of_viewpoints(venue: &Venue) -> Option<Finding> {
 
 /// Whether the field was configured: a default field extends far behind the cameras.
 fn is_stated(venue: &Venue) -> bool {
-    let sights: Vec<Sight> = venue.cameras.iter().map(Sight::of).collect();
+    let sights: Vec<Sight> = venue.cameras.iter().map(Sight::from_camera).collect();
     let made = places::around(&sights, &venue.field);
     let field = &venue.field;
     let sides = field.min_m.iter().chain(&field.max_m);

@@ -106,7 +106,7 @@ pub type Finding = crate::finding::Finding<Cause>;
 /// All findings about the calibration of `venue`, wrong ones first, then in the order of its
 /// cameras.
 pub fn of_venue(venue: &Venue) -> Vec<Finding> {
-    let sights: Vec<Sight> = venue.cameras.iter().map(Sight::of).collect();
+    let sights: Vec<Sight> = venue.cameras.iter().map(Sight::from_camera).collect();
     let seen = coverage(venue);
     let mut findings = Vec::new();
     findings.extend(
@@ -210,7 +210,7 @@ struct Sight {
 }
 
 impl Sight {
-    fn of(camera: &VenueCamera) -> Self {
+    fn from_camera(camera: &VenueCamera) -> Self {
         Self {
             has_pictures: !matches!(camera.source, Source::Keypoints { .. }),
             ..Self::of_model(&camera.model, usize::from(camera.viewpoint.0))

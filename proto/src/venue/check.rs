@@ -166,7 +166,8 @@ fn viewpoints(
                 file,
                 &place,
                 &source,
-                (camera.tick_from, camera.capture_delay_ms),
+                camera.tick_from,
+                camera.capture_delay_ms,
             )?;
             cameras.push(VenueCamera {
                 viewpoint: ViewpointIndex(i as u16),

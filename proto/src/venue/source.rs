@@ -220,7 +220,8 @@ pub(super) fn timing(
     file: &TomlFile<'_>,
     place: &Place,
     source: &Source,
-    (tick_from, delay_ms): (Option<String>, Option<f64>),
+    tick_from: Option<String>,
+    delay_ms: Option<f64>,
 ) -> Result<(TickFrom, Option<f64>), FileError> {
     const ALL: [TickFrom; 3] = [TickFrom::Clock, TickFrom::Count, TickFrom::Timecode];
     let wrong = |field: &str, problem: String| file.error(&place.key(field), problem);

@@ -397,7 +397,7 @@ pub(super) struct TrunkAxes {
 }
 
 impl TrunkAxes {
-    pub(super) fn of(joints: &Joints) -> Self {
+    pub(super) fn from_joints(joints: &Joints) -> Self {
         let at = |j: Joint| joints[j as usize];
         let spine = at(Joint::Neck) - at(Joint::Pelvis);
         let hips = at(Joint::LeftHip) - at(Joint::RightHip);

@@ -31,7 +31,7 @@ pub struct Volume {
 impl Volume {
     /// The body around `joints_m` (world metres).
     pub fn new(joints_m: &Joints, build: &Build) -> Self {
-        let axes = TrunkAxes::of(joints_m);
+        let axes = TrunkAxes::from_joints(joints_m);
         let mut cones = Vec::with_capacity(48);
         parts::add_trunk(&mut cones, joints_m, &axes, build);
         for side in Side::BOTH {

@@ -28,7 +28,7 @@ struct Run {
 }
 
 impl Run {
-    fn of(name: &'static str) -> Self {
+    fn load(name: &'static str) -> Self {
         let scene = scene(name).unwrap();
         let n = (scene.seconds() * scene.rate_hz()).round() as u32;
         let at = |tick: u32| -> Vec<Option<Joints>> {
@@ -52,7 +52,7 @@ impl Run {
 
 /// All scenes, computed once for all tests.
 static RUNS: LazyLock<Vec<Run>> =
-    LazyLock::new(|| SCENES.iter().map(|(name, _)| Run::of(name)).collect());
+    LazyLock::new(|| SCENES.iter().map(|(name, _)| Run::load(name)).collect());
 
 fn pelvis(joints: &Joints) -> nalgebra::Vector2<f64> {
     joints[Joint::Pelvis.index()].xy()

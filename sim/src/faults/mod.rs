@@ -55,7 +55,8 @@ impl MapFaults {
             camera,
             crowd.n_subjects(),
             scene.faults().clone(),
-            (scene.seed(), scene.rate_hz()),
+            scene.seed(),
+            scene.rate_hz(),
         )
         .standing(Standpoint::new(scene, camera));
         Self { crowd, camera }

@@ -131,7 +131,8 @@ impl CameraFaults {
         index: usize,
         n_people: usize,
         profile: FaultProfile,
-        (seed, rate_hz): (u64, f64),
+        seed: u64,
+        rate_hz: f64,
     ) -> Self {
         let mut faults = Self {
             camera: Arc::new(camera),
@@ -285,7 +286,7 @@ impl CameraFaults {
         for (k, evidence) in keypoints.iter_mut().enumerate() {
             if let Some(at_px) = view.keypoints_px[k] {
                 let draws = self.streams[person][k].draws();
-                *evidence = self.evidence(k, at_px, &draws, (view, views));
+                *evidence = self.evidence(k, at_px, &draws, view, views);
                 let shown = figure.filter(|_| draws.leaks && evidence.in_the_open);
                 if let Some((leak, figure)) = self.profile.leak.zip(shown) {
                     evidence.leaked = figure.in_the_open(k).map(|at_px| SimulatedPeak {
@@ -309,7 +310,8 @@ impl CameraFaults {
         k: usize,
         at_px: Vector2<f64>,
         draws: &KeypointDraws,
-        (view, views): (&PersonInView, &[Option<PersonInView>]),
+        view: &PersonInView,
+        views: &[Option<PersonInView>],
     ) -> KeypointPeaks {
         let Cover { by_other, .. } = view.covered[k];
         let hidden = self.profile.hidden.filter(|_| view.covered[k].any());

@@ -223,7 +223,7 @@ mod tests {
     }
 
     impl TestCrop {
-        fn of(subject: &Subject) -> Self {
+        fn around(subject: &Subject) -> Self {
             let [torso_px, neck_px] = [&subject.torso_m, &subject.neck_m].map(projected);
             let f = |p: Vector2<f64>| [p.x as f32, p.y as f32];
             let bounding_box = BoundingBox {
@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn a_peak_is_a_gaussian_with_the_sigma_of_the_source() {
         let subject = standing(0.0, 0.0);
-        let crop = TestCrop::of(&subject);
+        let crop = TestCrop::around(&subject);
         let site_m = subject.sites_m[LEFT_KNEE];
         let observation = faults(&FaultProfile::none(), 1).observe(0, &all([subject]));
         let maps = crop.painted(&observation, 0);
@@ -284,7 +284,7 @@ mod tests {
         let subjects = [standing(0.0, 0.0), standing(0.0, 0.6)];
         let observation = faults(&FaultProfile::none(), 2).observe(0, &all(subjects.clone()));
         for (i, subject) in subjects.iter().enumerate() {
-            let crop = TestCrop::of(subject);
+            let crop = TestCrop::around(subject);
             let maps = crop.painted(&observation, 15);
             for (k, evidence) in observation.people[i].keypoints.iter().enumerate() {
                 let px = evidence.own.unwrap().at_px;
@@ -304,7 +304,7 @@ mod tests {
     fn a_crop_without_a_person_contains_only_noise() {
         let observation =
             faults(&FaultProfile::standard(), 1).observe(0, &all([standing(0.0, 0.0)]));
-        let empty = TestCrop::of(&standing(0.0, 2.0));
+        let empty = TestCrop::around(&standing(0.0, 2.0));
         let maps = empty.painted(&observation, 0);
         let mut counts = [0u32; 6];
         for k in 0..17 {
@@ -325,7 +325,7 @@ mod tests {
     #[test]
     fn skipping_cells_below_the_floor_changes_no_other_cell() {
         let behind = standing(0.0, 0.0);
-        let crop = TestCrop::of(&behind);
+        let crop = TestCrop::around(&behind);
         let subjects = all([behind, standing(-1.0, 0.05)]);
         let mut faults = faults(&FaultProfile::standard(), 2);
         for tick in 0..60 {
@@ -346,7 +346,7 @@ mod tests {
     fn a_leak_outside_the_crop_is_not_painted() {
         // The ankles of the nearer person are below the crop of the farther one.
         let behind = standing(0.0, 0.0);
-        let crop = TestCrop::of(&behind);
+        let crop = TestCrop::around(&behind);
         let subjects = all([behind, standing(-3.5, 0.0)]);
         let profile = FaultProfile {
             leak: Some(Leak {

@@ -63,7 +63,7 @@ pub(super) fn all<const N: usize>(subjects: [Subject; N]) -> Vec<Option<Subject>
 }
 
 pub(super) fn faults(profile: &FaultProfile, n_people: usize) -> CameraFaults {
-    CameraFaults::new(camera(), 1, n_people, profile.clone(), (5, RATE_HZ))
+    CameraFaults::new(camera(), 1, n_people, profile.clone(), 5, RATE_HZ)
 }
 
 /// The standard profile without noise, so that maps contain only peaks.
@@ -309,7 +309,7 @@ fn a_free_running_camera_has_an_offset_of_its_own_within_half_a_frame() {
         ..FaultProfile::none()
     };
     let offset = |profile: &FaultProfile, index| {
-        let faults = CameraFaults::new(camera(), index, 0, profile.clone(), (5, RATE_HZ));
+        let faults = CameraFaults::new(camera(), index, 0, profile.clone(), 5, RATE_HZ);
         faults.capture_offset_us()
     };
     let offsets: Vec<i32> = (0..400).map(|index| offset(&free, index)).collect();

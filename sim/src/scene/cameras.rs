@@ -49,7 +49,8 @@ pub(super) struct CameraRig {
 /// A description of the problem when the field cannot be covered.
 pub(super) fn generate(
     wanted: &GeneratedCameras,
-    (size_m, floor_m): ([f64; 2], f64),
+    size_m: [f64; 2],
+    floor_m: f64,
     seed: u64,
 ) -> Result<CameraRig, String> {
     let half_m = Vector2::new(size_m[0] / 2.0, size_m[1] / 2.0);
@@ -67,7 +68,7 @@ pub(super) fn generate(
             .enumerate()
         {
             let name = format!("{name}-{}", index + 1);
-            let look = aim(eye, (&slice, floor_m), wanted.size_px, fisheye.as_ref()).ok_or_else(|| {
+            let look = aim(eye, &slice, floor_m, wanted.size_px, fisheye.as_ref()).ok_or_else(|| {
                 format!("camera `{name}` cannot cover its part of the field: place the cameras farther back, or use more of them")
             })?;
             let [w, h] = wanted.size_px.map(f64::from);
@@ -222,7 +223,8 @@ struct CameraLook {
 /// the longest focal length.
 fn aim(
     eye: Vector3<f64>,
-    (slice, floor_m): (&[Vector2<f64>], f64),
+    slice: &[Vector2<f64>],
+    floor_m: f64,
     size_px: [u32; 2],
     fisheye: Option<&LensModel>,
 ) -> Option<CameraLook> {
@@ -244,7 +246,7 @@ fn aim(
         for i in -reach..=reach {
             for j in -reach..=reach {
                 let (pan, tilt) = (pan_0 + f64::from(i) * step, tilt_0 + f64::from(j) * step);
-                let focal_px = longest_lens(&corners, (pan, tilt), size_px, fisheye);
+                let focal_px = longest_lens(&corners, pan, tilt, size_px, fisheye);
                 if focal_px > best.0 {
                     best = (focal_px, pan, tilt);
                 }
@@ -271,7 +273,8 @@ fn direction(pan: f64, tilt: f64) -> Vector3<f64> {
 /// The longest focal length that shows all `corners` (relative to the eye), pixels; 0 if none does.
 fn longest_lens(
     corners: &[Vector3<f64>],
-    (pan, tilt): (f64, f64),
+    pan: f64,
+    tilt: f64,
     size_px: [u32; 2],
     fisheye: Option<&LensModel>,
 ) -> f64 {
@@ -328,7 +331,7 @@ mod tests {
 
     /// Checks that a camera of every viewpoint sees every point over the field.
     fn check(wanted: &GeneratedCameras, size_m: [f64; 2]) {
-        let rig = generate(wanted, (size_m, 0.0), 7).unwrap();
+        let rig = generate(wanted, size_m, 0.0, 7).unwrap();
         assert_eq!(rig.viewpoints.len(), wanted.viewpoints);
         let names: std::collections::BTreeSet<_> =
             rig.cameras.iter().map(CameraModel::name).collect();
@@ -382,7 +385,7 @@ mod tests {
             size_px: [16, 8192],
             ..wanted(4, 1, 2.5, 1.5)
         };
-        let refused = generate(&narrow, ([7.0, 5.0], 0.0), 7).err().unwrap();
+        let refused = generate(&narrow, [7.0, 5.0], 0.0, 7).err().unwrap();
         assert!(refused.contains("`north-east-1`"), "{refused}");
     }
 
@@ -400,7 +403,7 @@ mod tests {
                 ..wanted
             };
             check(&wide, field);
-            let rig = generate(&wide, (field, 0.0), 7).unwrap();
+            let rig = generate(&wide, field, 0.0, 7).unwrap();
             assert!(rig.cameras.iter().all(|it| it.lens().is_fisheye()));
         }
     }
@@ -414,7 +417,7 @@ mod tests {
             ..plain.clone()
         };
         let [plain, mixed] =
-            [&plain, &mixed].map(|wanted| generate(wanted, ([7.0, 5.0], 0.0), 7).unwrap());
+            [&plain, &mixed].map(|wanted| generate(wanted, [7.0, 5.0], 0.0, 7).unwrap());
         let is_fisheye: Vec<bool> = mixed
             .cameras
             .iter()
@@ -428,7 +431,7 @@ mod tests {
             fisheye_viewpoints: Some(vec!["north".to_owned()]),
             ..wanted(4, 1, 2.5, 1.5)
         };
-        let refused = generate(&unknown, ([7.0, 5.0], 0.0), 7).err().unwrap();
+        let refused = generate(&unknown, [7.0, 5.0], 0.0, 7).err().unwrap();
         assert!(refused.contains("unknown viewpoint `north`"), "{refused}");
     }
 }

@@ -23,7 +23,7 @@ pub(super) fn read(path: &Path) -> Result<String, FileError> {
 pub(super) fn mount(file: &SceneFile, toml: &TomlFile<'_>) -> Result<CameraRig, FileError> {
     let (calibration, viewpoints) = match &file.cameras {
         CameraSource::Generated(wanted) => {
-            return cameras::generate(wanted, (file.size_m, file.floor_m), file.seed)
+            return cameras::generate(wanted, file.size_m, file.floor_m, file.seed)
                 .map_err(|problem| toml.error(&Place::field("cameras"), problem));
         }
         CameraSource::Calibrated {

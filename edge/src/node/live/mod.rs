@@ -267,7 +267,7 @@ impl LiveEdge {
         }
         let notice = self.status.failure.as_ref();
         let notice = notice.or(self.status.health.notices.first());
-        service_manager::tell(notice.unwrap_or(&self.status.backend));
+        service_manager::report(notice.unwrap_or(&self.status.backend));
         self.shared
             .send(MessageKind::Status, self.shared.encode(&self.status));
     }

@@ -285,7 +285,7 @@ impl<'a> LiveFusion<'a> {
                         self.check_target();
                         let now_us = self.interceptor.clock.now_us();
                         let status = self.status(self.config, now_us);
-                        service_manager::tell(&self.status_line(&status));
+                        service_manager::report(&self.status_line(&status));
                         let links = status.live.as_ref().map(|live| live.edges.clone());
                         let edges = links.unwrap_or_default();
                         self.send(ends, FusionOutgoing::Status(Box::new(status)));

@@ -130,7 +130,7 @@ impl Interceptor {
             .iter()
             .position(|name| key.rsplit('/').next() == Some(name));
         if let Some(version) = own.and_then(|index| self.versions.get(index)) {
-            version.hear(status, reads);
+            version.note_status(status, reads);
         }
     }
 

@@ -36,7 +36,7 @@ fn each<T>(of_row: impl FnMut(usize) -> T) -> Rows<T> {
 impl Mode {
     /// Draws the mode into one map; each cell keeps its maximum.
     pub(in crate::patch) fn draw(&self, scale: &MapScale, cells: &mut [u8]) {
-        let outline = Outline::of(self, scale);
+        let outline = Outline::new(self, scale);
         let rows = self.rows(scale);
         for first in rows.clone().step_by(GROUPS * ROWS) {
             let mut groups = [RowsInStep::default(); GROUPS];
@@ -74,7 +74,7 @@ struct Outline {
 }
 
 impl Outline {
-    fn of(mode: &Mode, scale: &MapScale) -> Self {
+    fn new(mode: &Mode, scale: &MapScale) -> Self {
         let [sx, sy] = mode.width.map(|width| sigma(width, scale));
         let correlation = mode.tilt as f32 * CORRELATION;
         let rest = 1.0 - correlation * correlation;
@@ -139,7 +139,7 @@ impl Outline {
                 let start = (first + i) * self.width + (rows.start[i] + drawn) as usize;
                 let left = rows.length[i].saturating_sub(drawn) as usize;
                 let eight = u64::from(low[i]) | u64::from(high[i]) << 32;
-                lay(cells, start, eight & KEEP[CELLS.min(left)]);
+                merge_cells(cells, start, eight & KEEP[CELLS.min(left)]);
             }
         }
     }
@@ -188,24 +188,24 @@ fn cell(value: f32) -> u32 {
 /// Merges [`CELLS`] cells into those from `start` on, the first in the lowest byte.
 // In a function of its own, so that the cells stay one number until they become a vector.
 #[inline(never)]
-fn lay(cells: &mut [u8], start: usize, drawn: u64) {
+fn merge_cells(cells: &mut [u8], start: usize, drawn: u64) {
     // Always all cells: the end of a row is unpredictable, and zeros leave later cells unchanged.
     let cells = cells.get_mut(start..).unwrap_or_default();
     match cells.first_chunk_mut::<CELLS>() {
-        Some(cells) => lay_all(cells, drawn),
-        None => lay_last(cells, drawn),
+        Some(cells) => merge_all(cells, drawn),
+        None => merge_last(cells, drawn),
     }
 }
 
 #[inline]
-fn lay_all(cells: &mut [u8], drawn: u64) {
+fn merge_all(cells: &mut [u8], drawn: u64) {
     for (cell, drawn) in cells.iter_mut().zip(drawn.to_le_bytes()) {
         *cell = drawn.max(*cell);
     }
 }
 
-/// As [`lay_all`], if the map ends before.
+/// As [`merge_all`], if the map ends before.
 #[cold]
-fn lay_last(cells: &mut [u8], drawn: u64) {
-    lay_all(cells, drawn);
+fn merge_last(cells: &mut [u8], drawn: u64) {
+    merge_all(cells, drawn);
 }

@@ -108,7 +108,7 @@ impl Map<'_> {
 
     fn fitted(&self, shown: &[u8], at: [usize; 2]) -> Mode {
         let peak = self.fitter.peak(self.cells, shown, at, self.scale);
-        self.recipe.snapped(&Mode::of(&peak, self.scale))
+        self.recipe.snapped(&Mode::from_peak(&peak, self.scale))
     }
 
     /// Draws one more mode.

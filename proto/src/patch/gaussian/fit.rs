@@ -240,13 +240,13 @@ mod tests {
         ) {
             let scale = MapScale { width: 48, height: 64, cells: 1.0 };
             let drawn = FittedPeak { at: [at.0, at.1], height, sigma: [sigma.0, sigma.1], correlation };
-            let mode = Mode::of(&drawn, &scale);
+            let mode = Mode::from_peak(&drawn, &scale);
             let mut cells = vec![0; 48 * 64];
             mode.draw(&scale, &mut cells);
             let highest = (0..cells.len()).max_by_key(|&i| cells[i]).unwrap();
             let at = [highest % 48, highest / 48];
             let found = Fitter::new().peak(&cells, &vec![0; cells.len()], at, &scale);
-            let again = Mode::of(&found, &scale);
+            let again = Mode::from_peak(&found, &scale);
             prop_assert!((0..2).all(|i| again.at[i].abs_diff(mode.at[i]) <= 1), "{mode:?} {again:?}");
             prop_assert!((0..2).all(|i| again.width[i].abs_diff(mode.width[i]) <= 1), "{mode:?} {again:?}");
             prop_assert!(again.height.abs_diff(mode.height) <= 4 && again.tilt.abs_diff(mode.tilt) <= 1);

@@ -35,7 +35,7 @@ pub(in crate::patch) struct MapScale {
 }
 
 impl MapScale {
-    pub(in crate::patch) fn of(maps: &Maps) -> Self {
+    pub(in crate::patch) fn from_maps(maps: &Maps) -> Self {
         let (width, height) = (maps.width(), maps.height());
         Self {
             width,
@@ -74,7 +74,7 @@ pub(in crate::patch) struct FittedPeak {
 
 impl Mode {
     /// The mode closest to a measured peak.
-    pub(in crate::patch) fn of(peak: &FittedPeak, scale: &MapScale) -> Self {
+    pub(in crate::patch) fn from_peak(peak: &FittedPeak, scale: &MapScale) -> Self {
         let last = scale.last();
         let at = [0, 1].map(|i| {
             let at = (peak.at[i] / scale.cells * STEPS as f32).round() as i32;
@@ -202,7 +202,7 @@ mod tests {
                 sigma: mode.width.map(|width| sigma(width, &SCALE)),
                 correlation: mode.tilt as f32 * CORRELATION,
             };
-            prop_assert_eq!(Mode::of(&peak, &SCALE), mode);
+            prop_assert_eq!(Mode::from_peak(&peak, &SCALE), mode);
         }
     }
 }

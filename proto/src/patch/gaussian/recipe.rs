@@ -67,7 +67,7 @@ pub(in crate::patch) const MAX_MODES: usize = 4;
 
 impl Recipe {
     /// The recipe of `level`; `None` for lossless.
-    pub(in crate::patch) const fn of(level: CompressionLevel) -> Option<Self> {
+    pub(in crate::patch) const fn for_level(level: CompressionLevel) -> Option<Self> {
         let (
             floor,
             modes,

@@ -97,7 +97,7 @@ impl Around {
     /// Starts row `y`, whose cells are zero except from `start` to `end`.
     pub(super) fn begin_row(&mut self, y: usize, start: usize, end: usize) {
         self.own = [0; END + MARGIN];
-        self.look_up(y, start, end);
+        self.sum_rows_above(y, start, end);
     }
 
     /// Column `x` of the row.
@@ -125,7 +125,7 @@ impl Around {
     }
 
     /// Sums the rows above row `y` for the columns from `start` to `end`.
-    fn look_up(&mut self, y: usize, start: usize, end: usize) {
+    fn sum_rows_above(&mut self, y: usize, start: usize, end: usize) {
         let above = [1, 2, 3].map(|up| &self.rows[(y + REACH - up) % REACH]);
         for x in (start..=end).step_by(LANES) {
             let sums = self.sums[x..]
