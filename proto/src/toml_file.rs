@@ -201,8 +201,8 @@ impl<'a> TomlFile<'a> {
         self.value(place).is_some()
     }
 
-    /// The names in the table at `place`, which has no index, in no particular order; none if there is no
-    /// table.
+    /// The names in the table at `place`, which has no index, in no particular order; none if there
+    /// is no table.
     pub(crate) fn keys(&self, place: &Place) -> Vec<&str> {
         let table = self.value(place).and_then(DeValue::as_table);
         let keys = table.into_iter().flat_map(DeTable::keys);

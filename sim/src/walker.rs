@@ -27,7 +27,8 @@ pub struct Walker {
 const CADENCE_HZ: f64 = 1.8;
 
 impl Walker {
-    /// World positions in metres of the 17 COCO keypoints and the pelvis and neck at `time_s`, by name.
+    /// World positions in metres of the 17 COCO keypoints and the pelvis and neck at `time_s`, by
+    /// name.
     pub fn points_m(&self, time_s: f64) -> BTreeMap<String, Vector3<f64>> {
         let h = self.stature_m;
         let along = self.start_rad + self.speed_m_s * time_s / self.radius_m;

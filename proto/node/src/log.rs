@@ -19,8 +19,8 @@ const LOGGED: &str = "warn,zenoh=error,ort=error,farfield_edge::network::backend
 /// Libraries whose log is only useful on request.
 const LIBRARIES: [&str; 6] = ["zenoh", "quinn", "rustls", "ort", "tract", "mio"];
 
-/// The filter for the value `requested` of `RUST_LOG`. Libraries without a directive log warnings and
-/// worse, or less if `requested` lowers the level of everything.
+/// The filter for the value `requested` of `RUST_LOG`. Libraries without a directive log warnings
+/// and worse, or less if `requested` lowers the level of everything.
 fn filter_of(requested: &str) -> String {
     let directives = || {
         requested

@@ -83,7 +83,8 @@ fn a_fisheye_distorts_as_in_opencv() {
     }
 }
 
-/// Made by OpenCV 5.0.0: `cv2.fisheye.undistortPoints` with `P` the same matrix and 1000 steps to 1e-14.
+/// Made by OpenCV 5.0.0: `cv2.fisheye.undistortPoints` with `P` the same matrix and 1000 steps to
+/// 1e-14.
 #[test]
 fn a_fisheye_is_undistorted_as_in_opencv() {
     let camera = camera();

@@ -63,7 +63,8 @@ impl Drawing {
         }
     }
 
-    /// Marks `NAME_north_west` and so on, at `x` inside of each end line and `y` to both sides of the long axis.
+    /// Marks `NAME_north_west` and so on, at `x` inside of each end line and `y` to both sides of
+    /// the long axis.
     pub(super) fn mark_at_four(&mut self, name: &str, inside_m: f64, y: f64, z: f64) {
         for (side, up) in SIDES {
             for (end, sign) in ENDS {
@@ -96,7 +97,8 @@ impl Drawing {
         }
     }
 
-    /// A line parallel to each end line, `inside_m` from it, from -`y` to `y`: `NAME_west`, `NAME_east`.
+    /// A line parallel to each end line, `inside_m` from it, from -`y` to `y`: `NAME_west`,
+    /// `NAME_east`.
     pub(super) fn across_ends(&mut self, name: &str, inside_m: f64, y: f64) {
         for (end, sign) in ENDS {
             let x = sign * (self.half_m[0] - inside_m);
@@ -104,7 +106,8 @@ impl Drawing {
         }
     }
 
-    /// Lines from each end inward, at `y` on both sides, from `from_m` to `to_m` inside: `NAME_north_west` and so on.
+    /// Lines from each end inward, at `y` on both sides, from `from_m` to `to_m` inside:
+    /// `NAME_north_west` and so on.
     pub(super) fn along_ends(&mut self, name: &str, y: f64, from_m: f64, to_m: f64) {
         for (side, up) in SIDES {
             for (end, sign) in ENDS {
@@ -126,7 +129,8 @@ impl Drawing {
         self.mark_at_four(&format!("{name}_back"), 0.0, y, 0.0);
     }
 
-    /// A goal at each end: feet of the posts and lower corners of the crossbar, at their inner edges.
+    /// A goal at each end: feet of the posts and lower corners of the crossbar, at their inner
+    /// edges.
     pub(super) fn goals(&mut self, width_m: f64, height_m: f64) {
         self.mark_at_four("goal_post_foot", 0.0, 0.5 * width_m, 0.0);
         self.mark_at_four("goal_crossbar", 0.0, 0.5 * width_m, height_m);
@@ -200,7 +204,8 @@ impl Drawing {
         }
     }
 
-    /// Lines from (`x`, both signs) that are parallel to the end lines: across the middle part of the court.
+    /// Lines from (`x`, both signs) that are parallel to the end lines: across the middle part of
+    /// the court.
     pub(super) fn across_at(&mut self, name: &str, x: f64, y: f64) {
         for (end, sign) in ENDS {
             self.segment(format!("{name}_{end}"), [sign * x, -y], [sign * x, y]);

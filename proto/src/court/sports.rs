@@ -4,8 +4,8 @@ use std::f64::consts::FRAC_PI_2;
 
 use super::drawing::Drawing;
 
-/// IFAB, law 1: goals 7.32 x 2.44 m; areas of 16.5 and 5.5 m from the inner edge of the posts; penalty mark at 11 m; circles of
-/// 9.15 m; corner arcs of 1 m.
+/// IFAB, law 1: goals 7.32 x 2.44 m; areas of 16.5 and 5.5 m from the inner edge of the posts;
+/// penalty mark at 11 m; circles of 9.15 m; corner arcs of 1 m.
 pub(super) fn football(court: &mut Drawing) {
     let (goal, area, small, spot, circle) = (7.32, 16.5, 5.5, 11.0, 9.15);
     court.boundary("touchline", "goal_line");
@@ -27,8 +27,9 @@ pub(super) fn football(court: &mut Drawing) {
     court.goals(goal, 2.44);
 }
 
-/// FIFA, law 1: goals 3 x 2 m; quarter circles of 6 m about the outer edge of each post (8 cm wide), joined by a line of 3.16 m;
-/// penalty marks at 6 and 10 m; centre circle of 3 m; corner arcs of 0.25 m.
+/// FIFA, law 1: goals 3 x 2 m; quarter circles of 6 m about the outer edge of each post (8 cm
+/// wide), joined by a line of 3.16 m; penalty marks at 6 and 10 m; centre circle of 3 m; corner
+/// arcs of 0.25 m.
 pub(super) fn futsal(court: &mut Drawing) {
     let (goal, post, area) = (3.0, 0.08, 6.0);
     let outer = 0.5 * goal + post;
@@ -47,8 +48,8 @@ pub(super) fn futsal(court: &mut Drawing) {
     court.goals(goal, 2.0);
 }
 
-/// IHF, rule 1: goals 3 x 2 m; goal area of 6 m and free-throw line of 9 m about the inner edges of the posts, each with a straight
-/// part of 3 m; 7 m line of 1 m, 4 m line of 0.15 m.
+/// IHF, rule 1: goals 3 x 2 m; goal area of 6 m and free-throw line of 9 m about the inner edges of
+/// the posts, each with a straight part of 3 m; 7 m line of 1 m, 4 m line of 0.15 m.
 pub(super) fn handball(court: &mut Drawing) {
     let (goal, area, free) = (3.0, 6.0, 9.0);
     let post = 0.5 * goal;
@@ -94,8 +95,8 @@ pub(super) fn basketball(court: &mut Drawing) {
     court.mark_at_ends("below_basket", basket);
 }
 
-/// ITF, rule 1: singles court 8.23 m wide; service lines 6.40 m from the net; net 0.914 m high in the middle, posts for doubles
-/// 0.914 m outside of the court, 1.07 m high.
+/// ITF, rule 1: singles court 8.23 m wide; service lines 6.40 m from the net; net 0.914 m high in
+/// the middle, posts for doubles 0.914 m outside of the court, 1.07 m high.
 pub(super) fn tennis(court: &mut Drawing) {
     let (singles, service) = (0.5 * 8.23, 6.4);
     let [x, y] = court.half_m;

@@ -12,10 +12,11 @@ declare_parameters! {
     /// The search for the most probable keypoint positions, paper (6)-(8).
     lattice: LatticeParameters {
         tuning LatticeTuning {
-            /// How far from the prediction a keypoint is searched along each axis (s k of the paper).
+            /// How far from the prediction a keypoint is searched along each axis (s k of the
+            /// paper).
             half_width_m: f64 = 0.25, "m", 0.01 to 2.0;
-            /// Step of the coarse pass, in map cells of the finest view: below the width of a peak (sigma 2
-            /// cells), or the search steps over it.
+            /// Step of the coarse pass, in map cells of the finest view: below the width of a peak
+            /// (sigma 2 cells), or the search steps over it.
             coarse_step_cells: f64 = 2.0, "cells", 0.1 to 16.0;
             /// Fine steps per coarse step.
             fine_per_coarse: u32 = 4, "", 1.0 to 32.0;
@@ -25,8 +26,8 @@ declare_parameters! {
             /// Uncertainty of a limb's velocity. Times the time since the last measurement (up to
             /// 0.25 s and a tick) it is the sigma, if that exceeds `prior_sigma_m`.
             prior_speed_m_s: f64 = 6.0, "m/s", 0.0 to 100.0;
-            /// Weighted mean of the maps below which a keypoint counts as unsupported and falls back to the
-            /// prediction with weight 0.
+            /// Weighted mean of the maps below which a keypoint counts as unsupported and falls
+            /// back to the prediction with weight 0.
             min_support: f64 = 0.08, "", 0.0 to 1.0;
             /// Angle between two viewpoints' rays below which they do not count as independent.
             independent_angle_deg: f64 = 8.0, "deg", 0.0 to 90.0;
