@@ -116,11 +116,13 @@ mod tests {
     use std::path::Path;
     use std::sync::Arc;
 
+    use farfield_proto::toml_file::FileError;
+
     use super::super::Scene;
     use crate::embedded::CLIPS;
     use crate::motion::Clip;
 
-    fn refusal(added: &str) -> String {
+    fn refusal(added: &str) -> FileError {
         let text = format!(
             "rate_hz = 60\nseconds = 4\nsize_m = [7, 5]\n\
              [cameras]\nviewpoints = 4\nper_viewpoint = 1\n\
@@ -128,24 +130,28 @@ mod tests {
         );
         let clip = &mut |path: &Path| Ok(Arc::new(Clip::parse(CLIPS[0].1, path)?));
         let refused = Scene::parse(&text, Path::new("a.toml"), clip);
-        refused.unwrap_err().to_string()
+        refused.unwrap_err()
     }
 
     #[test]
     fn an_unknown_name_is_refused_with_the_nearest_name() {
-        let message = refusal("seen_by = [\"north-west\", \"nort-east\"]\n");
-        assert!(message.contains("`person[0].seen_by[1]`"), "{message}");
-        assert!(message.contains("did you mean `north-east`?"), "{message}");
+        let error = refusal("seen_by = [\"north-west\", \"nort-east\"]\n");
+        assert_eq!(error.field.as_deref(), Some("person[0].seen_by[1]"));
+        assert!(error.problem.contains("`north-east`"), "{error}");
         let lost = "[[lost]]\nfrom_s = 1\nuntil_s = 2\n";
-        let message = refusal(&format!("{lost}person = \"2\"\n"));
-        assert!(message.contains("`lost[0].person`"), "{message}");
-        assert!(message.contains("unknown person `2`"), "{message}");
-        let message = refusal(&format!("{lost}person = \"1\"\nexept = []\n"));
-        assert!(message.contains("did you mean `except`?"), "{message}");
-        let message = refusal("[[mirror]]\nfrom_m = [0, 0]\nto_m = [0, 1]\nhight_m = 2\n");
-        assert!(message.contains("did you mean `height_m`?"), "{message}");
-        let message = refusal("[[poster]]\nat = [0, 0]\n");
-        assert!(message.contains("did you mean `at_m`?"), "{message}");
+        let error = refusal(&format!("{lost}person = \"2\"\n"));
+        assert_eq!(error.field.as_deref(), Some("lost[0].person"));
+        for (text, nearest) in [
+            (format!("{lost}person = \"1\"\nexept = []\n"), "`except`"),
+            (
+                "[[mirror]]\nfrom_m = [0, 0]\nto_m = [0, 1]\nhight_m = 2\n".to_owned(),
+                "`height_m`",
+            ),
+            ("[[poster]]\nat = [0, 0]\n".to_owned(), "`at_m`"),
+        ] {
+            let error = refusal(&text);
+            assert!(error.problem.contains(nearest), "{error}");
+        }
     }
 
     #[test]
@@ -168,19 +174,18 @@ mod tests {
         for (wrong, field) in [
             (
                 "[[lost]]\nperson = \"1\"\nfrom_s = 2\nuntil_s = 1\n",
-                "`lost[0].until_s`",
+                "lost[0].until_s",
             ),
             (
                 "[[mirror]]\nfrom_m = [1, 1]\nto_m = [1, 1]\nheight_m = 2\n",
-                "`mirror[0].to_m`",
+                "mirror[0].to_m",
             ),
             (
                 "[[poster]]\nat_m = [0, 0]\nheading_rad = 0\nheight_m = 9\nclip = \"a\"\n",
-                "`poster[0].height_m`",
+                "poster[0].height_m",
             ),
         ] {
-            let message = refusal(wrong);
-            assert!(message.contains(field), "{message}");
+            assert_eq!(refusal(wrong).field.as_deref(), Some(field));
         }
     }
 }
