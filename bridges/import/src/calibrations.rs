@@ -1,4 +1,4 @@
-//! The calibrations among files, by their content, and which of several is the one.
+//! Finds calibrations among files by content, and chooses one.
 
 use std::path::{Path, PathBuf};
 
@@ -8,42 +8,43 @@ use farfield_calibration::formats::{
 
 use crate::files;
 
-/// So much of a file says whether it may be a calibration, bytes.
+/// Bytes read to decide whether a file may be a calibration.
 const BEGINNING: u64 = 1 << 14;
 
-/// Formats of the same content, the first is taken: Caliscope's names fit its keypoints, ours is kept to the last bit.
+/// Formats to prefer among equal calibrations: Caliscope's names match its keypoints, and ours is
+/// kept bit for bit.
 const PREFERRED: [Format; 2] = [Format::Caliscope, Format::Farfield];
 
-/// What of some files is calibrations.
+/// The calibrations among some files.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Calibrations {
-    /// Those that can be read, each with what it says.
+    /// Those that can be read.
     pub whole: Vec<FoundCalibration>,
     /// Those that cannot be used, each with the reason.
     pub unusable: Vec<String>,
 }
 
-/// One calibration that was found and read.
+/// A calibration that was found and read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundCalibration {
     /// Its files with their texts.
     pub candidate: Candidate,
-    /// What they say.
+    /// The parsed content.
     pub imported: Imported,
 }
 
-/// Which calibration of several it is.
+/// Result of choosing among calibrations.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Choice {
-    /// This one, and what was found and not taken, a sentence each.
+    /// The chosen one, and one sentence for each that was not used.
     One(Box<FoundCalibration>, Vec<String>),
-    /// Several that differ: all of them, and by how much.
+    /// Several different ones, listed with their differences.
     Several(String),
-    /// None, and what looks like one and cannot be used.
+    /// None; with the files that look like calibrations but cannot be used.
     None(Vec<String>),
 }
 
-/// The calibrations among `paths`. What cannot be read as text is none.
+/// Finds the calibrations among `paths`. Files that are not readable as text are skipped.
 pub fn among(paths: &[PathBuf]) -> Calibrations {
     let mut texts = Vec::new();
     for path in paths.iter().filter(|path| files::is_file(path)) {
@@ -66,13 +67,13 @@ pub fn among(paths: &[PathBuf]) -> Calibrations {
 }
 
 fn is_promising(head: &[u8]) -> bool {
-    // UTF-16 has a mark, and zeros like a binary file.
+    // UTF-16 has a byte order mark, and contains zeros like a binary file.
     let is_wide = head.starts_with(&[0xff, 0xfe]) || head.starts_with(&[0xfe, 0xff]);
     is_wide || !head.contains(&0) && may_be_calibration(&String::from_utf8_lossy(head))
 }
 
 impl Calibrations {
-    /// The only one, or one of several that say the same.
+    /// Chooses the only calibration, or one of several equal ones.
     pub fn choice(self) -> Choice {
         let rank = |it: &FoundCalibration| {
             let place = PREFERRED
@@ -96,7 +97,7 @@ impl Calibrations {
 }
 
 impl FoundCalibration {
-    /// The files.
+    /// Paths of the files.
     pub fn paths(&self) -> Vec<PathBuf> {
         self.candidate
             .files
@@ -105,7 +106,7 @@ impl FoundCalibration {
             .collect()
     }
 
-    /// Its files, their date, and what is in them.
+    /// File names, date and content in one line.
     pub fn shown(&self) -> String {
         let paths = self.paths();
         let date = paths.iter().filter_map(|path| files::date(path)).max();
@@ -118,20 +119,20 @@ impl FoundCalibration {
         )
     }
 
-    /// By how much it differs from what was taken; `None` where both say the same.
+    /// Description of the difference from `taken`; `None` if both are equal.
     fn difference_from(&self, taken: &Imported) -> Option<String> {
         difference(&taken.cameras, &self.imported.cameras)
     }
 
-    /// [`Self::shown`], and what it says otherwise than what was taken.
+    /// [`Self::shown`], followed by the difference from `taken`.
     pub(crate) fn compared_with(&self, taken: &Imported) -> String {
         let differs = self.difference_from(taken);
-        let differs = differs.unwrap_or_else(|| "it says the same".to_owned());
+        let differs = differs.unwrap_or_else(|| "it has the same content".to_owned());
         format!("{}: {differs}", self.shown())
     }
 }
 
-/// Names of files behind each other.
+/// Joins file names.
 fn listed(paths: &[PathBuf]) -> String {
     let shown: Vec<String> = paths
         .iter()

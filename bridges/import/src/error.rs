@@ -1,37 +1,37 @@
-//! Why nothing was imported.
+//! Why an import failed.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use farfield_proto::toml_file::FileError;
 
-/// Why nothing was imported; nothing is left behind then.
+/// Why an import failed. A failed import leaves no files behind.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// A file is not as it should be.
+    /// A file is invalid.
     #[error("{0}")]
     File(FileError),
-    /// Something else of what was given is not as it should be.
+    /// Something else in the request or the folder is invalid.
     #[error("{0}")]
     Refused(String),
-    /// What was named or found cannot be read.
+    /// A file or folder cannot be read.
     #[error("{doing} {}", path.display())]
     Read {
-        /// What was tried.
+        /// The operation that failed.
         doing: &'static str,
-        /// With which file.
+        /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// What was made cannot be written.
+    /// A file or folder cannot be written.
     #[error("{doing} {}", path.display())]
     Write {
-        /// What was tried.
+        /// The operation that failed.
         doing: &'static str,
-        /// With which file.
+        /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }

@@ -1,4 +1,5 @@
-//! The one place of this crate that touches files: listing a folder, reading with a bound, and writing a whole folder or none.
+//! File access of this crate: list a folder, read with a size limit, and write a whole folder or
+//! none.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Read as _, Write};
@@ -11,14 +12,15 @@ use time::OffsetDateTime;
 
 use crate::error::ImportError;
 
-/// Folders inside folders that are looked into.
+/// Maximum depth of nested folders.
 const MAX_DEPTH: usize = 6;
-/// Most files of a folder and all inside it: ten hours of eight cameras, a file per frame and camera, are less.
+/// Maximum number of files in a folder and below; ten hours of eight cameras with one file per
+/// frame are fewer.
 const MAX_FILES: usize = 20_000_000;
-/// A folder that an import has made is not looked into again.
+/// Folders that contain this file come from an earlier import and are skipped.
 const VENUE: &str = "venue.toml";
 
-/// All files in `folder` and the folders inside it, by name; hidden ones and venues are passed over.
+/// Lists all files in `folder` and below, sorted by name, without hidden files and imported venues.
 pub(crate) fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let mut found = Vec::new();
     let mut open = vec![(folder.to_owned(), 0)];
@@ -50,30 +52,28 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     Ok(found)
 }
 
-/// Whether there is such a folder.
 pub(crate) fn is_folder(path: &Path) -> bool {
     path.is_dir()
 }
 
-/// Whether there is such a file.
 pub(crate) fn is_file(path: &Path) -> bool {
     path.is_file()
 }
 
-/// A folder with all the folders above it.
+/// The absolute path of a folder.
 pub(crate) fn full(folder: &Path) -> Result<PathBuf, ImportError> {
     let full = folder.canonicalize();
     full.map_err(|source| ImportError::read("reading the folder", folder, source))
 }
 
-/// What lies in one folder.
+/// The entries of one folder.
 pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let read = fs::read_dir(folder)
         .map_err(|source| ImportError::read("reading the folder", folder, source))?;
     Ok(read.flatten().map(|entry| entry.path()).collect())
 }
 
-/// All of a file of at most `limit` bytes.
+/// Reads a file of at most `limit` bytes.
 pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
     let mut bytes = Vec::new();
     let file = File::open(path).map_err(|source| ImportError::read("opening", path, source))?;
@@ -88,7 +88,7 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, ImportError> {
     Ok(bytes)
 }
 
-/// The first bytes of a file, as text where they are.
+/// Reads the first bytes of a file.
 pub(crate) fn head(path: &Path, length: u64) -> Result<Vec<u8>, ImportError> {
     let mut bytes = Vec::new();
     let file = File::open(path).map_err(|source| ImportError::read("opening", path, source))?;
@@ -97,10 +97,10 @@ pub(crate) fn head(path: &Path, length: u64) -> Result<Vec<u8>, ImportError> {
     Ok(bytes)
 }
 
-/// Largest file that is read as a text, bytes.
+/// Maximum size of a text file, bytes.
 const LARGEST_TEXT: u64 = 32 << 20;
 
-/// The text of a small file.
+/// Reads a small text file.
 pub(crate) fn read_text(path: &Path) -> Result<String, ImportError> {
     String::from_utf8(read(path, LARGEST_TEXT)?).map_err(|_| {
         let problem = format!("{}: found bytes that are no text", path.display());
@@ -108,7 +108,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String, ImportError> {
     })
 }
 
-/// The text of a file that the user calls a calibration.
+/// Reads a calibration file as text.
 pub(crate) fn read_calibration(path: &Path) -> Result<TextFile, ImportError> {
     Ok(TextFile {
         path: path.to_owned(),
@@ -116,7 +116,7 @@ pub(crate) fn read_calibration(path: &Path) -> Result<TextFile, ImportError> {
     })
 }
 
-/// When a file was written last: `2026-03-01 09:30 UTC`.
+/// Modification time of a file: `2026-03-01 09:30 UTC`.
 pub(crate) fn date(path: &Path) -> Option<String> {
     let written = path.metadata().ok()?.modified().ok()?;
     let unix_s = written.duration_since(UNIX_EPOCH).ok()?.as_secs();
@@ -129,7 +129,7 @@ pub(crate) fn date(path: &Path) -> Option<String> {
     ))
 }
 
-/// A folder that gets its name when it is whole, and is taken away again unless it does.
+/// A folder that is written under a temporary name, renamed when complete, and otherwise removed.
 #[derive(Debug)]
 pub(crate) struct NewFolder {
     made: PathBuf,
@@ -138,7 +138,7 @@ pub(crate) struct NewFolder {
     parents: NewParents,
 }
 
-/// The folders above it that were not there, the innermost first; they are taken away again unless they are kept.
+/// Newly created parent folders, innermost first; removed again if the import fails.
 #[derive(Debug, Default)]
 struct NewParents(Vec<PathBuf>);
 
@@ -156,7 +156,7 @@ impl NewParents {
 impl Drop for NewParents {
     fn drop(&mut self) {
         for folder in &self.0 {
-            // Only an empty one goes, and not before those inside it.
+            // Removes only empty folders, from the innermost.
             if fs::remove_dir(folder).is_err() {
                 return;
             }
@@ -165,12 +165,12 @@ impl Drop for NewParents {
 }
 
 impl NewFolder {
-    /// Starts the folder `out`, where nothing is but perhaps an empty folder.
+    /// Creates the temporary folder for `out`, which must not exist or be empty.
     pub(crate) fn create(out: &Path) -> Result<Self, ImportError> {
         let is_link = |it: fs::Metadata| it.file_type().is_symlink();
         if out.symlink_metadata().is_ok_and(is_link) {
             return Err(ImportError::refused(format!(
-                "{} is a link, expected a folder to make: name where it leads, or another, with `--out DIR`",
+                "{} is a link, expected a folder to create: give its target, or another folder, with `--out DIR`",
                 out.display()
             )));
         }
@@ -190,7 +190,7 @@ impl NewFolder {
         let made = parent.join(format!(".{}.tmp", name.to_string_lossy()));
         fs::create_dir(&made).map_err(|source| match source.kind() {
             io::ErrorKind::AlreadyExists => ImportError::refused(format!(
-                "{} is there: another import is writing it, or one was killed; where none is running, delete it",
+                "{} is there: another import is writing it, or an import was killed; if none is running, delete it",
                 made.display()
             )),
             _ => ImportError::write("making", &made, source),
@@ -203,7 +203,7 @@ impl NewFolder {
         })
     }
 
-    /// Writes one file, and the folder inside this one that it lies in.
+    /// Writes one file, and creates its subfolder.
     pub(crate) fn write(
         &self,
         name: &Path,
@@ -222,7 +222,7 @@ impl NewFolder {
         written().map_err(|source| ImportError::write("writing", &path, source))
     }
 
-    /// Gives it its name.
+    /// Renames the folder to its final name.
     pub(crate) fn finish(mut self) -> Result<(), ImportError> {
         fs::rename(&self.made, &self.out).map_err(|source| {
             ImportError::write("naming the finished folder", &self.out, source)
@@ -236,7 +236,7 @@ impl NewFolder {
 impl Drop for NewFolder {
     fn drop(&mut self) {
         if !self.is_named {
-            // What was in the way is told of already.
+            // The failure itself was already reported.
             fs::remove_dir_all(&self.made).ok();
         }
     }
@@ -247,7 +247,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_has_its_name_when_it_is_whole_and_is_gone_else() {
+    fn a_folder_is_renamed_when_complete_and_removed_otherwise() {
         let at = tempfile::tempdir().unwrap();
         let out = at.path().join("venue");
         let folder = NewFolder::create(&out).unwrap();
@@ -262,13 +262,13 @@ mod tests {
             .unwrap();
         folder.finish().unwrap();
         assert_eq!(fs::read(out.join("a/b.txt")).unwrap(), b"text");
-        let said = NewFolder::create(&out).unwrap_err().to_string();
-        assert!(said.contains("is there already"), "{said}");
+        let error = NewFolder::create(&out).unwrap_err().to_string();
+        assert!(error.contains("is there already"), "{error}");
         assert_eq!(fs::read_dir(at.path()).unwrap().count(), 1);
     }
 
     #[test]
-    fn what_a_killed_import_left_is_named_with_what_to_do() {
+    fn leftovers_of_a_killed_import_are_reported_with_a_remedy() {
         let at = tempfile::tempdir().unwrap();
         let left = at.path().join(".venue.tmp");
         fs::create_dir(&left).unwrap();
@@ -279,12 +279,12 @@ mod tests {
             refused.contains(".venue.tmp") && refused.contains("delete it"),
             "{refused}"
         );
-        // It may be another's that still runs.
+        // Another import may still be running.
         assert!(left.exists());
     }
 
     #[test]
-    fn parents_that_were_made_are_gone_again_unless_the_folder_is_named() {
+    fn created_parents_are_removed_unless_the_import_succeeds() {
         let at = tempfile::tempdir().unwrap();
         let out = at.path().join("a/b/venue");
         drop(NewFolder::create(&out).unwrap());
@@ -298,7 +298,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_is_refused_before_anything_is_read() {
+    fn links_are_refused_before_reading() {
         let at = tempfile::tempdir().unwrap();
         let (to, out) = (at.path().join("empty"), at.path().join("venue"));
         fs::create_dir(&to).unwrap();
@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn hidden_files_and_venues_are_passed_over() {
+    fn hidden_files_and_venues_are_skipped() {
         let at = tempfile::tempdir().unwrap();
         for name in [
             "a.json",

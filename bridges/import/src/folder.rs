@@ -1,13 +1,14 @@
-//! What of a folder is what: which files are one camera's keypoints. Pure: names in, names out.
+//! Finds the keypoint files of each camera in a folder, and the frame numbers in file names. Pure:
+//! names in, names out.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Where Pose2Sim keeps keypoints, and where it puts them when it has synchronised them.
+/// Pose2Sim's folders of raw and of synchronised keypoints.
 const POSE: &str = "pose";
 const POSE_SYNC: &str = "pose-sync";
 
-/// Names of files that say nothing of their camera: the folder does.
+/// File names that do not identify a camera; the folder's name does.
 const NAMELESS: [&str; 6] = [
     "alphapose-results",
     "predictions",
@@ -17,20 +18,21 @@ const NAMELESS: [&str; 6] = [
     "annotations",
 ];
 
-/// Files that may be keypoints, and where.
+/// Files that may hold keypoints.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(crate) struct Candidates {
-    /// JSON files by their folder: of all frames each, or of one frame each.
+    /// JSON files by folder; a file may hold all frames or one.
     pub(crate) json: BTreeMap<PathBuf, Vec<PathBuf>>,
     /// Tables and arrays.
     pub(crate) single: Vec<PathBuf>,
-    /// What Pose2Sim has of cameras that it has not synchronised, where it has others: left out, and not to be forgotten.
+    /// Raw keypoints in `pose` of cameras that `pose-sync` lacks. They are left out and reported.
     pub(crate) unsynchronised: BTreeSet<PathBuf>,
 }
 
-/// Which files may be keypoints.
+/// Finds the files that may hold keypoints.
 ///
-/// Of Pose2Sim's folders the synchronised one is taken, and never the associated one, which has one person only.
+/// Of Pose2Sim's folders, the synchronised one is used. The associated one holds only one person
+/// and is never used.
 pub(crate) fn candidates(files: &[PathBuf], folder: &Path) -> Candidates {
     let inside = |path: &Path, name: &str| {
         let relative = path.strip_prefix(folder).unwrap_or(path);
@@ -69,7 +71,8 @@ pub(crate) fn candidates(files: &[PathBuf], folder: &Path) -> Candidates {
     found
 }
 
-/// What of one camera `path` is, or is in, where it lies in a folder `name` inside `folder`.
+/// The file or folder of one camera that contains `path`, if `path` is in the folder `name` inside
+/// `folder`.
 fn place_in(path: &Path, folder: &Path, name: &str) -> Option<PathBuf> {
     let relative = path.strip_prefix(folder).unwrap_or(path);
     let mut parts = relative.iter();
@@ -78,13 +81,13 @@ fn place_in(path: &Path, folder: &Path, name: &str) -> Option<PathBuf> {
     path.ancestors().nth(parts.count()).map(Path::to_owned)
 }
 
-/// By what the same camera is known in two folders.
+/// Identifies the same camera in two folders.
 fn key(place: &Path) -> String {
     let name = place.file_name().unwrap_or_default();
     name.to_string_lossy().to_lowercase()
 }
 
-/// What names the camera of a file, or of a folder of a file per frame.
+/// Name of the camera of a file, or of a folder with one file per frame.
 pub(crate) fn camera_name(path: &Path, is_folder: bool) -> String {
     let part = |path: &Path| {
         path.file_name()
@@ -97,7 +100,7 @@ pub(crate) fn camera_name(path: &Path, is_folder: bool) -> String {
         return name.strip_suffix("_json").unwrap_or(&name).to_owned();
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    // DeepLabCut writes its network behind the video's name.
+    // DeepLabCut appends its network's name to the video's name.
     let stem = stem.split("DLC_").next().unwrap_or_default();
     if NAMELESS.contains(&stem.to_lowercase().as_str()) {
         return path.parent().map(part).unwrap_or_default();
@@ -105,14 +108,48 @@ pub(crate) fn camera_name(path: &Path, is_folder: bool) -> String {
     stem.to_owned()
 }
 
-/// A file's ending, in lower case.
+/// File extension in lower case.
 pub(crate) fn ending(path: &Path) -> String {
     let ending = path.extension().unwrap_or_default();
     ending.to_string_lossy().to_lowercase()
 }
 
+/// Largest frame number; larger numbers are times, not counts.
+pub(crate) const MAX_FRAME: i64 = 1 << 40;
+
+/// Returns the last number in a file's name without folder and extension; `None` if absent or too
+/// large.
+///
+/// Both `cam01_000000000123_keypoints.json` and `123.jpg` give 123.
+pub(crate) fn frame_of_name(name: &str) -> Option<i64> {
+    let name = name.rsplit(['/', '\\']).next().unwrap_or(name);
+    let stem = match name.rsplit_once('.') {
+        Some((stem, ending)) if !stem.is_empty() && !ending.bytes().all(|c| c.is_ascii_digit()) => {
+            stem
+        }
+        _ => name,
+    };
+    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let head = stem.get(..end)?;
+    let start = head.rfind(|c: char| !c.is_ascii_digit()).map_or(0, |at| {
+        // Start after the last character that is not a digit.
+        at + head[at..].chars().next().map_or(1, char::len_utf8)
+    });
+    let number = head.get(start..)?.parse().ok()?;
+    (number <= MAX_FRAME).then_some(number)
+}
+
+/// Name of the folder that contains the image, from a path such as COCO's `file_name`.
+pub(crate) fn folder_of_name(name: &str) -> Option<&str> {
+    let (folder, _) = name.rsplit_once(['/', '\\'])?;
+    let last = folder.rsplit(['/', '\\']).find(|it| !it.is_empty())?;
+    (last != "." && last != "..").then_some(last)
+}
+
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     fn paths(names: &[&str]) -> Vec<PathBuf> {
@@ -123,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn of_pose2sims_folders_the_synchronised_one_is_taken() {
+    fn synchronised_pose2sim_folder_is_preferred() {
         let files = paths(&[
             "pose/cam01_json/cam01_000000.json",
             "pose-sync/cam01_json/cam01_000000.json",
@@ -138,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn what_pose2sim_has_not_synchronised_is_left_out_and_not_forgotten() {
+    fn cameras_without_synchronised_keypoints_are_reported() {
         let files = paths(&[
             "pose/cam01_json/cam01_000000.json",
             "pose/cam02_json/cam02_000000.json",
@@ -158,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn arrays_of_two_dimensions_are_taken_and_others_are_not() {
+    fn only_two_dimensional_arrays_are_candidates() {
         let files = paths(&[
             "output_data/raw_data/mediapipe_2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy",
             "output_data/raw_data/mediapipe_3dData_numFrames_numTrackedPoints_spatialXYZ.npy",
@@ -168,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_name_cameras_where_files_do_not() {
+    fn camera_name_falls_back_to_the_folder() {
         for (path, is_folder, name) in [
             ("pose/cam01_json", true, "cam01"),
             ("left/alphapose-results.json", false, "left"),
@@ -180,6 +217,41 @@ mod tests {
             ),
         ] {
             assert_eq!(camera_name(Path::new(path), is_folder), name);
+        }
+    }
+
+    #[test]
+    fn frame_is_the_last_number_of_the_name() {
+        for (name, frame) in [
+            ("cam01_000000000123_keypoints.json", Some(123)),
+            ("cam01_000042.json", Some(42)),
+            ("00012.json", Some(12)),
+            ("frame_7.json", Some(7)),
+            ("0.jpg", Some(0)),
+            ("labeled-data/video2/img0012.png", Some(12)),
+            ("123", Some(123)),
+            ("take2_é34é.jpg", Some(34)),
+            ("keypoints.json", None),
+            ("99999999999999999999.json", None),
+            ("", None),
+        ] {
+            assert_eq!(frame_of_name(name), frame, "{name}");
+        }
+        assert_eq!(folder_of_name("images/cam1/0001.jpg"), Some("cam1"));
+        assert_eq!(folder_of_name("0001.jpg"), None);
+    }
+
+    proptest! {
+        #[test]
+        fn no_name_panics(name in ".{0,40}") {
+            frame_of_name(&name);
+            folder_of_name(&name);
+        }
+
+        #[test]
+        fn frame_numbers_round_trip(prefix in "[a-z_é]{0,6}", frame in 0i64..=MAX_FRAME, width in 0usize..13) {
+            let name = format!("{prefix}{frame:0width$}_keypoints.json");
+            prop_assert_eq!(frame_of_name(&name), Some(frame));
         }
     }
 }

@@ -1,12 +1,13 @@
-//! 2D keypoints of other programs as a venue: what a user already has becomes `venue.toml`, `calibration.toml` and a
-//! keypoint file per camera.
+//! Imports 2D keypoints of other programs: writes `venue.toml`, `calibration.toml` and one keypoint
+//! file per camera.
 //!
-//! [`formats::parse`] reads one file of another program; [`keypoints`] says which of its keypoints are which of ours;
-//! [`assemble`] puts cameras side by side on one count of frames and says what is doubtful; [`import`] does all of it for
-//! a folder. All of it is pure, bytes and text in, values and text out, but for one module that touches files.
+//! [`formats::parse`] reads one file of another program. [`keypoints`] maps its keypoints to ours.
+//! [`assemble`] aligns the cameras by frame number and warns about suspect data. [`import`] does
+//! all of this for a folder. Everything is pure (bytes and text in, values and text out) except one
+//! module that touches files.
 //!
-//! Distances in pictures are pixels with the lens's distortion in them, (0, 0) the centre of the first pixel. Frames are
-//! counted as the files count them; a frame is a tick of the venue.
+//! Image coordinates are distorted pixels; (0, 0) is the centre of the first pixel. Frame numbers
+//! are those of the files; a frame is a tick of the venue.
 
 pub mod assemble;
 pub mod calibrations;
@@ -14,13 +15,10 @@ mod error;
 mod files;
 mod folder;
 pub mod formats;
-mod frame_number;
 pub mod import;
 pub mod keypoints;
 pub mod matching;
 pub mod person;
 pub mod report;
-mod settings;
-mod venue_text;
 
 pub use self::error::ImportError;

@@ -1,24 +1,25 @@
-//! Which recording is which camera's, by their names: case and separators do not count, the longest name does.
+//! Matches recordings to cameras by name. Case and separators do not count, and the longest
+//! matching name wins.
 
 use std::collections::BTreeMap;
 
-/// Names this short are everywhere inside others, and must stand alone.
+/// Names this short occur inside many others, so they must match a whole part.
 const SHORT: usize = 2;
 
-/// Whether recordings may be left over.
+/// What to do with recordings that match no camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Leftovers {
-    /// Every recording must be one of a camera.
+    /// Refuse: every recording must match a camera.
     Refused,
-    /// Some cameras were named; other recordings are left out.
+    /// Ignore: the caller listed only some of the cameras.
     LeftOut,
 }
 
-/// The recording of every one of `cameras`, by its place in `recordings`.
+/// Returns the index in `recordings` of the recording of each camera.
 ///
 /// # Errors
-/// A sentence for every camera that has no recording or several, and every recording that is of no camera or may be of
-/// several.
+/// One sentence for every camera without exactly one recording, and for every recording that
+/// matches no camera or several.
 pub fn matched<'a>(
     cameras: &[&'a str],
     recordings: &[&str],
@@ -65,7 +66,7 @@ pub fn matched<'a>(
         .collect())
 }
 
-/// The longest of `cameras` whose name stands in `name`; several that are equally long.
+/// The longest of `cameras` that occur in `name`; several if equally long.
 pub fn named_by<'a>(cameras: &[&'a str], name: &str) -> Vec<&'a str> {
     let text = parts(name);
     let length = |camera: &str| {
@@ -77,7 +78,7 @@ pub fn named_by<'a>(cameras: &[&'a str], name: &str) -> Vec<&'a str> {
     let fits: Vec<&str> = cameras
         .iter()
         .copied()
-        .filter(|camera| stands_in(camera, &text))
+        .filter(|camera| occurs_in(camera, &text))
         .collect();
     let most = fits.iter().map(|camera| length(camera)).max();
     fits.into_iter()
@@ -88,14 +89,14 @@ pub fn named_by<'a>(cameras: &[&'a str], name: &str) -> Vec<&'a str> {
 /// A run of letters or of digits.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Part {
-    /// In lower case; of a number, without its leading zeros.
+    /// In lower case; numbers without leading zeros.
     text: String,
     is_number: bool,
-    /// Whether a separator stands before it.
+    /// Whether a separator precedes it.
     is_apart: bool,
 }
 
-/// Letters join over separators, numbers do not.
+/// Splits a name. Letters join over separators, numbers do not.
 fn parts(name: &str) -> Vec<Part> {
     let mut parts: Vec<Part> = Vec::new();
     let mut is_apart = true;
@@ -122,13 +123,14 @@ fn parts(name: &str) -> Vec<Part> {
     parts
 }
 
-/// A name in parts, so that `cam_2` comes before `cam_10`.
+/// Sort key that puts `cam_2` before `cam_10`.
 pub(crate) type NaturalKey = Vec<(usize, String)>;
 
-/// By the last number of a name, then by all of it; whether it has no number comes first.
+/// Sort key by the last number of a name, then by the whole name; the flag is true without a
+/// number.
 pub(crate) fn by_last_number(name: &str) -> (bool, NaturalKey) {
     let parts = parts(name);
-    // Without leading zeros the longer number is the larger.
+    // Without leading zeros, the longer number is the larger one.
     let key = |part: &Part| {
         let length = if part.is_number { part.text.len() } else { 0 };
         (length, part.text.clone())
@@ -139,7 +141,7 @@ pub(crate) fn by_last_number(name: &str) -> (bool, NaturalKey) {
     (last.is_none(), order)
 }
 
-/// Neighbouring runs of letters as one.
+/// Joins adjacent runs of letters.
 fn joined(parts: &[Part]) -> Vec<Part> {
     let mut whole: Vec<Part> = Vec::new();
     for part in parts {
@@ -151,7 +153,7 @@ fn joined(parts: &[Part]) -> Vec<Part> {
     whole
 }
 
-fn stands_in(camera: &str, text: &[Part]) -> bool {
+fn occurs_in(camera: &str, text: &[Part]) -> bool {
     let wanted = parts(camera);
     if let [only] = &wanted[..]
         && only.text.len() <= SHORT
@@ -172,7 +174,7 @@ fn stands_in(camera: &str, text: &[Part]) -> bool {
                 if part.is_number != found.is_number {
                     return false;
                 }
-                // Words may go on before the first letters and behind the last.
+                // A word may continue before the first letters and after the last.
                 match (part.is_number, i == 0, i == last) {
                     (true, _, _) | (false, false, false) => part.text == found.text,
                     (false, true, true) => found.text.contains(&part.text),
@@ -205,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn case_separators_leading_zeros_and_what_stands_around_do_not_count() {
+    fn matching_ignores_case_separators_leading_zeros_and_other_text() {
         check(&["ne-left", "sw"], &["2024-05-01_NE_Left", "take3 sw"]);
         check(&["cam_1", "cam_2"], &["cam01", "cam02"]);
         check(
@@ -221,27 +223,27 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_or_ambiguous_is_refused() {
-        let said = faults(&["cam1", "cam2"], &["cam1", "cam12"]);
+    fn missing_or_ambiguous_recordings_are_refused() {
+        let message = faults(&["cam1", "cam2"], &["cam1", "cam12"]);
         assert!(
-            said.contains("`cam12` is of no camera")
-                && said.contains("camera `cam2` has no recording"),
-            "{said}"
+            message.contains("`cam12` is of no camera")
+                && message.contains("camera `cam2` has no recording"),
+            "{message}"
         );
-        let said = faults(&["cam1", "cam2"], &["cam1 and cam2", "cam2"]);
+        let message = faults(&["cam1", "cam2"], &["cam1 and cam2", "cam2"]);
         assert!(
-            said.contains("`cam1 and cam2` may be of `cam1` or `cam2`"),
-            "{said}"
+            message.contains("`cam1 and cam2` may be of `cam1` or `cam2`"),
+            "{message}"
         );
-        let said = faults(&["cam1"], &["cam1", "cam1 again"]);
+        let message = faults(&["cam1"], &["cam1", "cam1 again"]);
         assert!(
-            said.contains("camera `cam1` has several recordings: `cam1`, `cam1 again`"),
-            "{said}"
+            message.contains("camera `cam1` has several recordings: `cam1`, `cam1 again`"),
+            "{message}"
         );
     }
 
     #[test]
-    fn where_cameras_were_named_other_recordings_are_left_out() {
+    fn recordings_of_unlisted_cameras_can_be_left_out() {
         let found = matched(&["cam2"], &["cam1", "cam2"], Leftovers::LeftOut);
         assert_eq!(found, Ok(BTreeMap::from([("cam2", 1)])));
     }

@@ -1,26 +1,26 @@
-//! People as a picture shows them: what every format is turned into.
+//! Detected people, the common form of every format.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use farfield_proto::keypoints::COCO17;
 
-/// Farther from the corner than this is no pixel of any picture.
+/// Coordinates beyond this are not pixels of any image.
 const MAX_PX: f64 = 1e6;
-/// Most people of one import, over all frames and cameras: ten hours of four people before eight cameras at 60 Hz are
-/// seventy million, which nobody has imported; this many take 2.5 GB.
+/// Maximum number of people in one import, over all frames and cameras; this many take 2.5 GB. Ten
+/// hours of four people in eight cameras at 60 Hz would be seventy million.
 const MAX_PEOPLE: usize = 4_000_000;
-/// Most people of one frame of one camera: of 75 bytes a keypoint at most their line stays below the 4 MiB that the edge
-/// reads (`MAX_LINE_BYTES` of its `source/keypoints.rs`).
+/// Maximum number of people in one frame of one camera. At 75 bytes per keypoint, their line stays
+/// below the 4 MiB that the edge reads (`MAX_LINE_BYTES` of `edge/src/source/keypoints.rs`).
 pub(crate) const MAX_PEOPLE_OF_FRAME: usize = 2048;
-/// Most frames of one import, with those that are missing: nine hours at 60 Hz. A number far beyond the others would make
-/// as many empty lines.
+/// Maximum number of frames in one import, including missing ones: nine hours at 60 Hz. Every
+/// missing frame becomes an empty line, so a stray frame number must not pass.
 const MAX_FRAMES: i64 = 2_000_000;
 
 /// The frames from `first` to `last`.
 ///
 /// # Errors
-/// When they are more than an import may have.
+/// If there are more than an import may have.
 pub(crate) fn span(first: i64, last: i64) -> Result<Range<i64>, String> {
     let length = last.checked_sub(first);
     match (length.filter(|it| *it < MAX_FRAMES), last.checked_add(1)) {
@@ -32,24 +32,25 @@ pub(crate) fn span(first: i64, last: i64) -> Result<Range<i64>, String> {
     }
 }
 
-/// Where a keypoint seems to be.
+/// Detected position of one keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
-    /// Pixels to the right of the first one, distorted.
+    /// Pixels to the right of the first pixel, distorted.
     pub x_px: f64,
-    /// Pixels below the first one, distorted.
+    /// Pixels below the first pixel, distorted.
     pub y_px: f64,
-    /// How sure the network was, above 0; on the file's own scale until [`crate::assemble`] has seen them all.
+    /// Confidence of the network, above 0; on the file's own scale until [`crate::assemble`] has
+    /// rescaled it.
     pub score: f64,
 }
 
 impl Candidate {
-    /// What three numbers of a file say; `None` where they say "not found": a score of 0 or none, a coordinate that is no
-    /// number.
+    /// Converts three numbers of a file. Returns `None` if the keypoint was not detected: the score
+    /// is missing or not above 0, or a coordinate is not a finite number.
     ///
     /// # Errors
-    /// Names a coordinate that is no pixel.
-    pub(crate) fn of(
+    /// If a coordinate is not a pixel.
+    pub(crate) fn from_numbers(
         x: Option<f64>,
         y: Option<f64>,
         score: Option<f64>,
@@ -68,35 +69,35 @@ impl Candidate {
     }
 }
 
-/// One person's keypoints in one picture, in the order of [`COCO17`].
+/// Keypoints of one person in one image, in the order of [`COCO17`].
 pub type Person = [Option<Candidate>; COCO17.len()];
 
 /// The people of one camera by frame.
 pub type Frames = BTreeMap<i64, Vec<Person>>;
 
-/// How a file tells its cameras apart.
+/// How a file identifies its cameras.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub enum CameraKey {
-    /// It is of one camera; the file or its folder is named after it.
+    /// The file holds one camera, which is named after the file or its folder.
     OfFile,
-    /// By a name.
+    /// By name.
     Named(String),
-    /// By their order alone, from 0.
+    /// By order only, from 0.
     Nth(usize),
 }
 
-/// What was read so far, of every camera that a file has.
+/// Everything read so far from one source, for every camera.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Detections {
     /// By camera.
     pub cameras: BTreeMap<CameraKey, Frames>,
     n_people: usize,
-    /// People of the sources before.
+    /// People in the sources before this one.
     n_before: usize,
 }
 
 impl Detections {
-    /// Of a further source of an import that has `n_people` already.
+    /// Starts a further source of an import that already has `n_people`.
     pub(crate) fn after(n_people: usize) -> Self {
         Self {
             n_before: n_people,
@@ -104,10 +105,10 @@ impl Detections {
         }
     }
 
-    /// Notes that there was a frame, with or without people.
+    /// Records a frame, with or without people.
     ///
     /// # Errors
-    /// When it is farther from the others than an import may be long.
+    /// If the frames would span more than an import may have.
     pub(crate) fn frame(
         &mut self,
         camera: &CameraKey,
@@ -120,10 +121,10 @@ impl Detections {
         Ok(frames.entry(frame).or_default())
     }
 
-    /// Notes a frame that a file has once.
+    /// Records a frame that may appear only once in a file.
     ///
     /// # Errors
-    /// When it was there before; and as [`Detections::frame`].
+    /// If the frame is already recorded; otherwise as [`Detections::frame`].
     pub(crate) fn new_frame(&mut self, camera: &CameraKey, frame: i64) -> Result<(), String> {
         let is_known = |frames: &Frames| frames.contains_key(&frame);
         if self.cameras.get(camera).is_some_and(is_known) {
@@ -135,10 +136,10 @@ impl Detections {
         Ok(())
     }
 
-    /// Adds a person, unless nothing of them was found.
+    /// Adds a person if at least one keypoint was detected.
     ///
     /// # Errors
-    /// When there are more people than an import or a frame may have; and as [`Detections::frame`].
+    /// If an import or a frame would have too many people; otherwise as [`Detections::frame`].
     pub(crate) fn add(
         &mut self,
         camera: &CameraKey,
@@ -164,7 +165,7 @@ impl Detections {
         Ok(())
     }
 
-    /// How many people there are, over all frames and cameras.
+    /// Number of people, over all frames and cameras.
     pub fn n_people(&self) -> usize {
         self.n_people
     }
@@ -174,31 +175,31 @@ impl Detections {
 mod tests {
     use super::*;
 
-    const SOMEBODY: Person = [Some(Candidate {
+    const PERSON: Person = [Some(Candidate {
         x_px: 3.0,
         y_px: 4.0,
         score: 0.5,
     }); COCO17.len()];
 
     #[test]
-    fn the_people_of_all_sources_are_one_budget() {
+    fn all_sources_share_one_limit_of_people() {
         let mut detections = Detections::after(MAX_PEOPLE - 1);
-        detections.add(&CameraKey::OfFile, 0, &SOMEBODY).unwrap();
-        let said = detections.add(&CameraKey::OfFile, 1, &SOMEBODY);
-        assert!(said.unwrap_err().contains("a part of the recording"));
+        detections.add(&CameraKey::OfFile, 0, &PERSON).unwrap();
+        let added = detections.add(&CameraKey::OfFile, 1, &PERSON);
+        assert!(added.unwrap_err().contains(&MAX_PEOPLE.to_string()));
     }
 
     #[test]
-    fn crowds_beyond_every_picture_and_frames_beyond_every_recording_are_refused_while_reading() {
+    fn too_many_people_or_frames_are_refused_while_reading() {
         let mut detections = Detections::default();
         for _ in 0..MAX_PEOPLE_OF_FRAME {
-            detections.add(&CameraKey::OfFile, 7, &SOMEBODY).unwrap();
+            detections.add(&CameraKey::OfFile, 7, &PERSON).unwrap();
         }
-        let said = detections.add(&CameraKey::OfFile, 7, &SOMEBODY);
-        assert!(said.unwrap_err().contains("in frame 7"));
+        let added = detections.add(&CameraKey::OfFile, 7, &PERSON);
+        assert!(added.unwrap_err().contains("in frame 7"));
         for frame in [7 - MAX_FRAMES, 7 + MAX_FRAMES] {
-            let said = detections.frame(&CameraKey::OfFile, frame).unwrap_err();
-            assert!(said.contains("something else than frames"), "{said}");
+            let error = detections.frame(&CameraKey::OfFile, frame).unwrap_err();
+            assert!(error.contains(&MAX_FRAMES.to_string()), "{error}");
         }
         assert!(detections.frame(&CameraKey::OfFile, 6 + MAX_FRAMES).is_ok());
         assert_eq!(detections.cameras[&CameraKey::OfFile].len(), 2);

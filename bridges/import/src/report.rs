@@ -1,16 +1,16 @@
-//! What an import says of itself, for people and for programs.
+//! The report of an import, for people and for programs.
 
 use std::path::PathBuf;
 
 use farfield_calibration::formats::Remark;
 use serde::Serialize;
 
-/// All that was made, and what the reader of it must know.
+/// What an import wrote, and what the reader must know about it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
-    /// Whose keypoints they were.
+    /// Format of the keypoints.
     pub format: &'static str,
-    /// Whose calibration it was.
+    /// Format of the calibration.
     pub calibration_format: &'static str,
     /// The calibration's files.
     pub calibration: Vec<PathBuf>,
@@ -18,21 +18,21 @@ pub struct Report {
     pub venue: PathBuf,
     /// Frames per second.
     pub rate_hz: f64,
-    /// First frame, which is a tick of the venue.
+    /// First frame, which is also the first tick of the venue.
     pub first_frame: i64,
-    /// Frames of every camera, with those that are empty.
+    /// Frames of every camera, including the empty ones.
     pub frames: i64,
     /// The cameras in the order of the calibration.
     pub cameras: Vec<CameraReport>,
-    /// What the keypoints were called.
+    /// Name of the keypoint model.
     pub model: String,
-    /// Keypoints that became ours.
+    /// COCO keypoints that were imported.
     pub mapped: Vec<&'static str>,
-    /// Ours that the files have not.
+    /// COCO keypoints that the files lack.
     pub missing: Vec<&'static str>,
-    /// What else the files have: a keypoint file of ours has COCO's 17.
+    /// Other keypoints of the files; our keypoint files hold only COCO's 17.
     pub left_out: Vec<String>,
-    /// What was assumed, put right, or is doubtful.
+    /// What was assumed, corrected, or is suspect.
     pub remarks: Vec<Remark>,
 }
 
@@ -45,16 +45,16 @@ pub struct CameraReport {
     pub source: String,
     /// The keypoint file that was written.
     pub keypoints: PathBuf,
-    /// Frames that were in the source.
+    /// Frames in the source.
     pub frames: usize,
-    /// The first of them.
+    /// First frame in the source.
     pub first_frame: i64,
-    /// The last of them.
+    /// Last frame in the source.
     pub last_frame: i64,
-    /// Frames in between, and of the other cameras, that it has not: they are empty lines.
+    /// Frames of the import that the source lacks; they are written as empty lines.
     pub missing_frames: i64,
-    /// People per frame of the source, mean.
+    /// Mean number of people per frame of the source.
     pub people_mean: f64,
-    /// People per frame of the source, largest.
+    /// Largest number of people in a frame of the source.
     pub people_max: usize,
 }

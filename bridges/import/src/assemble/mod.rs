@@ -1,7 +1,7 @@
-//! Cameras side by side on one count of frames: which frames there are, on which scale scores are, what is doubtful; and the
-//! lines of our keypoint files.
+//! Aligns cameras by frame number, rescales scores, warns about suspect data, and writes the lines
+//! of our keypoint files.
 
-mod doubts;
+mod plausibility;
 mod scores;
 
 use std::collections::BTreeMap;
@@ -15,51 +15,52 @@ use crate::person::{Frames, Person, span};
 
 pub use self::scores::ScoreScale;
 
-/// What one camera saw, under its name in the calibration.
+/// The keypoints of one camera, named as in the calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraFrames {
-    /// As the calibration has it.
+    /// Name in the calibration.
     pub name: String,
-    /// Width and height of the calibration's pictures, pixels.
+    /// Image width and height of the calibration, pixels.
     pub size_px: [u32; 2],
-    /// Where the calibration has the world's -z point in the pictures, a unit vector: (0, 1) of a camera that is not rolled.
+    /// Direction of the world's -z in the image, a unit vector; (0, 1) for a camera without roll.
     pub down: [f64; 2],
-    /// Where the keypoints came from.
+    /// Source of the keypoints.
     pub source: String,
-    /// They.
+    /// The keypoints.
     pub frames: Frames,
 }
 
-/// What all cameras have in common.
+/// What all cameras share.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Assembled {
     /// Ticks of every keypoint file.
     pub ticks: Range<i64>,
-    /// What the scores of each camera are divided by.
+    /// Score scale of each camera.
     pub scales: Vec<ScoreScale>,
-    /// What was assumed, and what is doubtful.
+    /// What was assumed or is suspect.
     pub remarks: Vec<Remark>,
 }
 
-/// Frames outside what [`FRAMES_SHARE`] of all reach are strays from so many frames on, or its whole length where that
-/// is more: a file of another recording, a number that is a date.
+/// A frame is a stray if it is this many frames, or the length of the recording if that is more,
+/// outside the frames that all but [`FRAMES_SHARE`] cover. Strays come from files of another
+/// recording or from dates in names.
 const STRAY_FRAMES: f64 = 1000.0;
 const FRAMES_SHARE: f64 = 0.01;
-/// Of fewer frames none is a stray.
+/// With fewer frames, none is treated as a stray.
 const FEWEST_FRAMES: usize = 2 * FEWEST_REACHING;
 
-/// Looks at all cameras together, and leaves out frames far from all others.
+/// Checks all cameras together and drops stray frames.
 ///
 /// # Errors
-/// A sentence where nobody was found, where frames are too many, where keypoints are no pixels.
+/// If no people were detected, there are too many frames, or keypoints are not pixels.
 pub fn assemble(cameras: &mut [CameraFrames]) -> Result<Assembled, String> {
     let mut remarks = Vec::new();
     leave_out_strays(cameras, &mut remarks);
     let ticks = ticks(cameras)?;
-    frames_said(cameras, &ticks, &mut remarks);
-    let scales = ScoreScale::of(cameras, &mut remarks);
+    report_frames(cameras, &ticks, &mut remarks);
+    let scales = ScoreScale::per_camera(cameras, &mut remarks);
     for camera in cameras.iter() {
-        doubts::look(camera, &mut remarks)?;
+        plausibility::check(camera, &mut remarks)?;
     }
     Ok(Assembled {
         ticks,
@@ -68,7 +69,7 @@ pub fn assemble(cameras: &mut [CameraFrames]) -> Result<Assembled, String> {
     })
 }
 
-/// Takes out frames whose numbers are far from those of all others, so that one number does not decide how long a run is.
+/// Drops frames whose numbers are far from all others, so that one number cannot extend the run.
 fn leave_out_strays(cameras: &mut [CameraFrames], remarks: &mut Vec<Remark>) {
     let numbers = || {
         let frames = cameras.iter().flat_map(|it| it.frames.keys());
@@ -91,14 +92,14 @@ fn leave_out_strays(cameras: &mut [CameraFrames], remarks: &mut Vec<Remark>) {
         let before = camera.frames.len();
         camera.frames.retain(|frame, _| is_near(*frame));
         let text = format!(
-            "{} frames were left out: frame {stray} is far from nearly all others, which are from about {first} to {last}",
+            "dropped {} frames: frame {stray} is far from nearly all others, which run from about {first} to {last}",
             before - camera.frames.len()
         );
         remarks.push(Remark::of_camera(RemarkKind::Doubtful, &camera.name, text));
     }
 }
 
-/// From the first frame of any camera to the last of any.
+/// From the first frame of any camera to the last frame of any camera.
 fn ticks(cameras: &[CameraFrames]) -> Result<Range<i64>, String> {
     if let Some(empty) = cameras.iter().find(|it| it.frames.is_empty()) {
         return Err(format!(
@@ -122,13 +123,13 @@ fn ticks(cameras: &[CameraFrames]) -> Result<Range<i64>, String> {
         .iter()
         .all(|it| it.frames.values().all(Vec::is_empty))
     {
-        return Err("found nobody in any frame of any camera".to_owned());
+        return Err("found no people in any frame of any camera".to_owned());
     }
     Ok(ticks)
 }
 
-/// Frames that do not begin at 0, that cameras do not share, that are missing.
-fn frames_said(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec<Remark>) {
+/// Reports a first frame other than 0, different frame ranges of cameras, and missing frames.
+fn report_frames(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec<Remark>) {
     if ticks.start != 0 {
         remarks.push(Remark::of_all(
             RemarkKind::Assumed,
@@ -150,8 +151,8 @@ fn frames_said(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec<R
                 RemarkKind::Doubtful,
                 &camera.name,
                 format!(
-                    "its frames go from {first} to {last}, those of all cameras from {} to {}: cameras were put side by side \
-                     by these numbers, as if they had counted together",
+                    "its frames go from {first} to {last}, those of all cameras from {} to {}: cameras were aligned by frame \
+                     number, as if all of them had started to count together",
                     ticks.start,
                     ticks.end - 1
                 ),
@@ -163,17 +164,17 @@ fn frames_said(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec<R
                 RemarkKind::Assumed,
                 &camera.name,
                 format!(
-                    "{missing} frames between its first and last are missing: nobody is in them"
+                    "{missing} frames between its first and last are missing: they are written without people"
                 ),
             ));
         }
     }
 }
 
-/// Writes the keypoint file of one camera: a line per tick.
+/// Writes the keypoint file of one camera, one line per tick.
 ///
 /// # Errors
-/// What `out` refuses.
+/// Errors of `out`.
 pub fn write_lines(
     frames: &Frames,
     ticks: &Range<i64>,
@@ -215,7 +216,8 @@ fn write_person(person: &Person, scale: ScoreScale, out: &mut impl Write) -> io:
     out.write_all(b"]}")
 }
 
-/// The shortest digits that are read as the same number, without the hundreds of zeros that a tiny one begins with.
+/// Writes the shortest digits that read back as the same number. Tiny numbers use an exponent
+/// instead of hundreds of zeros.
 fn write_number(number: f64, out: &mut impl Write) -> io::Result<()> {
     const TINY: f64 = 1e-5;
     if number != 0.0 && number.abs() < TINY {
@@ -225,7 +227,7 @@ fn write_number(number: f64, out: &mut impl Write) -> io::Result<()> {
     }
 }
 
-/// How many people there are in how many frames of one camera: mean and largest.
+/// Mean and largest number of people per frame of one camera.
 pub(crate) fn people_per_frame(frames: &BTreeMap<i64, Vec<Person>>) -> (f64, usize) {
     let all: usize = frames.values().map(Vec::len).sum();
     let most = frames.values().map(Vec::len).max().unwrap_or(0);
@@ -256,15 +258,15 @@ mod tests {
     }
 
     #[test]
-    fn cameras_share_one_range_and_what_is_missing_is_empty_and_said() {
+    fn cameras_share_one_range_and_missing_frames_are_reported() {
         let mut cameras = [camera("a", &[5, 6, 8]), camera("b", &[4, 5, 6, 7, 8])];
         let assembled = assemble(&mut cameras).unwrap();
         assert_eq!(assembled.ticks, 4..9);
-        let said: Vec<String> = assembled.remarks.iter().map(|it| it.text.clone()).collect();
-        let said = said.join("\n");
-        assert!(said.contains("the first frame is 4"), "{said}");
-        assert!(said.contains("its frames go from 5 to 8"), "{said}");
-        assert!(said.contains("1 frames between"), "{said}");
+        let texts: Vec<String> = assembled.remarks.iter().map(|it| it.text.clone()).collect();
+        let texts = texts.join("\n");
+        assert!(texts.contains("the first frame is 4"), "{texts}");
+        assert!(texts.contains("its frames go from 5 to 8"), "{texts}");
+        assert!(texts.contains("1 frames between"), "{texts}");
         let mut lines = Vec::new();
         write_lines(
             &cameras[0].frames,
@@ -282,8 +284,8 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_of_as_many_people_as_it_may_have_is_a_line_that_a_run_reads() {
-        /// The edge refuses longer ones: `MAX_LINE_BYTES` of its `source/keypoints.rs`.
+    fn largest_allowed_frame_fits_the_edge_line_limit() {
+        /// The edge refuses longer lines: `MAX_LINE_BYTES` of `edge/src/source/keypoints.rs`.
         const LONGEST_LINE_BYTES: usize = 4 << 20;
         for number in [
             -1.234_567_890_123_456_7e-300,
@@ -299,7 +301,7 @@ mod tests {
             let mut camera = camera("a", &[]);
             camera.frames.insert(0, people);
             let mut line = Vec::new();
-            let scale = ScoreScale::of(std::slice::from_ref(&camera), &mut Vec::new());
+            let scale = ScoreScale::per_camera(std::slice::from_ref(&camera), &mut Vec::new());
             write_lines(&camera.frames, &(0..1), scale[0], &mut line).unwrap();
             assert!(line.len() < LONGEST_LINE_BYTES, "{}", line.len());
             let read: serde_json::Value = serde_json::from_slice(&line).unwrap();
@@ -309,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn one_number_far_from_all_others_does_not_make_a_run_longer() {
+    fn a_stray_frame_number_does_not_extend_the_run() {
         let count: Vec<i64> = (0..40).collect();
         for stray in [100_000, -5000] {
             let with_stray: Vec<i64> = count.iter().copied().chain([stray]).collect();
@@ -318,22 +320,22 @@ mod tests {
             assert_eq!(assembled.ticks, 0..40);
             let remark = &assembled.remarks[0];
             assert_eq!(remark.camera.as_deref(), Some("b"));
-            assert!(remark.text.contains(&format!("frame {stray} is far")));
+            assert!(remark.text.contains(&format!("frame {stray} ")));
         }
-        // A camera that began earlier, and a pause, are no strays.
+        // A camera that started earlier, and a pause, are not strays.
         let mut cameras = [camera("a", &count), camera("b", &[-600, -599, 0, 900])];
         assert_eq!(assemble(&mut cameras).unwrap().ticks, -600..901);
     }
 
     #[test]
-    fn numbers_that_count_no_frames_are_refused() {
-        let said = assemble(&mut [camera("a", &[0, 20_240_501_120_000])]).unwrap_err();
-        assert!(said.contains("something else than frames"), "{said}");
-        let said = assemble(&mut [camera("a", &[i64::MIN, i64::MAX])]).unwrap_err();
-        assert!(said.contains("something else than frames"), "{said}");
+    fn frame_numbers_that_are_not_counts_are_refused() {
+        let error = assemble(&mut [camera("a", &[0, 20_240_501_120_000])]).unwrap_err();
+        assert!(error.contains("20240501120000"), "{error}");
+        let error = assemble(&mut [camera("a", &[i64::MIN, i64::MAX])]).unwrap_err();
+        assert!(error.contains(&i64::MAX.to_string()), "{error}");
         let mut empty = camera("a", &[0]);
         empty.frames.insert(0, Vec::new());
-        assert!(assemble(&mut [empty]).unwrap_err().contains("nobody"));
+        assert!(assemble(&mut [empty]).unwrap_err().contains("no people"));
         assert!(assemble(&mut []).is_err());
     }
 }

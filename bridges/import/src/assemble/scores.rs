@@ -1,30 +1,32 @@
-//! On which scale scores are. Ours go to 1.
+//! Detects the scale of scores; ours go up to 1.
 //!
-//! Each camera has its scale, for they may come from several programs. What most scores are decides it, never a single one.
+//! Each camera has its own scale, since cameras may come from several programs. The scale depends
+//! on most scores, never on a single one.
 
 use farfield_calibration::formats::{Remark, RemarkKind};
 use farfield_proto::order_statistics::reached_by;
 
 use super::CameraFrames;
 
-/// The scale is that of the score that this share of all reach: those above it are taken for 1. Networks whose scores are
-/// no probabilities give 0.8 to 1.3, two in a hundred more, and now and then one near 10.
+/// The scale is the score that this share of all scores reach; higher scores are clamped to 1.
+/// Networks whose scores are not probabilities give 0.8 to 1.3, two percent of them more, and
+/// rarely one near 10.
 const DECIDING_SHARE: f64 = 0.05;
-/// Scores up to here need no word: `OpenPose` overshoots by a few percent.
+/// Scores up to this value are not reported: `OpenPose` overshoots by a few percent.
 const OVERSHOOT: f64 = 1.25;
-/// A deciding score up to here is on the usual scale, 0 to 1: `RTMPose` gives up to 1.3.
+/// A deciding score up to this value is on the usual scale, 0 to 1: `RTMPose` gives up to 1.3.
 const MOST_USUAL: f64 = 1.5;
-/// Deciding scores from the first up to the second are percent, those up to the third are bytes.
+/// Deciding scores from the first to the second value are percent, those up to the third are bytes.
 const PERCENT_AND_BYTES: [f64; 3] = [20.0, 105.0, 256.0];
 
-/// What scores are divided by before they are cut at 1.
+/// The divisor of scores; results are clamped to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScoreScale(f64);
 
 impl ScoreScale {
-    /// The scale of each camera. What is not the usual one is a remark. All cameras that are not on the usual scale have
-    /// the same one.
-    pub(super) fn of(cameras: &[CameraFrames], remarks: &mut Vec<Remark>) -> Vec<Self> {
+    /// Returns the scale of each camera and reports unusual scales. All cameras off the usual scale
+    /// share one scale.
+    pub(super) fn per_camera(cameras: &[CameraFrames], remarks: &mut Vec<Remark>) -> Vec<Self> {
         let is_usual = |it: &CameraFrames| {
             reached_by(scores(it), DECIDING_SHARE).is_none_or(|score| score <= MOST_USUAL)
         };
@@ -58,7 +60,7 @@ impl ScoreScale {
         });
         if count > 0 {
             let text = format!(
-                "{count} scores are above {OVERSHOOT}, the largest {largest:?}: they were taken for 1"
+                "{count} scores are above {OVERSHOOT}, the largest {largest:?}: they were clamped to 1"
             );
             remarks.push(Remark::of_all(RemarkKind::Assumed, text));
         }
@@ -68,7 +70,7 @@ impl ScoreScale {
         by.map(Self).collect()
     }
 
-    /// A score of the file on our scale.
+    /// Converts a score of the file to our scale.
     pub fn applied(self, score: f64) -> f64 {
         (score / self.0).clamp(0.0, 1.0)
     }
@@ -79,7 +81,7 @@ fn scores(camera: &CameraFrames) -> impl Iterator<Item = f64> {
     keypoints.map(|it| it.score)
 }
 
-/// What scores that go up to `score` are divided by, and what is remarked.
+/// The divisor for scores that go up to `score`, and the remark.
 fn meaning(score: f64) -> (f64, RemarkKind, String) {
     let [percent, bytes, most] = PERCENT_AND_BYTES;
     let (by, word) = if (percent..bytes).contains(&score) {
@@ -87,15 +89,11 @@ fn meaning(score: f64) -> (f64, RemarkKind, String) {
     } else if (bytes..most).contains(&score) {
         (255.0, "numbers up to 255")
     } else {
-        let text = "the scale is not known, and they were divided by that; what is certain and what is not may differ from \
-                    what the network meant";
+        let text = "the scale is unknown, so they were divided by that value; confidence may differ from what the network \
+                    meant";
         return (score, RemarkKind::Doubtful, text.to_owned());
     };
-    (
-        by,
-        RemarkKind::Assumed,
-        format!("they were taken for {word}"),
-    )
+    (by, RemarkKind::Assumed, format!("they were read as {word}"))
 }
 
 #[cfg(test)]
@@ -122,21 +120,21 @@ mod tests {
         }
     }
 
-    /// The scale of one camera's scores, and what is remarked.
+    /// The scale of one camera's scores, and the text of the remarks.
     fn scale(scores: &[f64]) -> (ScoreScale, String) {
         let mut remarks = Vec::new();
-        let scales = ScoreScale::of(&[camera("a", scores)], &mut remarks);
+        let scales = ScoreScale::per_camera(&[camera("a", scores)], &mut remarks);
         let texts: Vec<String> = remarks.into_iter().map(|it| it.text).collect();
         (scales[0], texts.join("; "))
     }
 
-    /// 200 scores of 0.70 to 0.95.
+    /// 200 scores from 0.70 to 0.95.
     fn usual() -> Vec<f64> {
         (0..200).map(|i| 0.70 + 0.05 * f64::from(i % 6)).collect()
     }
 
     #[test]
-    fn probabilities_stay_and_a_small_overshoot_is_cut() {
+    fn probabilities_are_kept_and_a_small_overshoot_is_clamped() {
         let (scale, remarked) = scale(&[0.5, 1.05]);
         assert_eq!(remarked, "");
         assert!(scale.applied(0.5).to_bits() == 0.5f64.to_bits());
@@ -144,12 +142,12 @@ mod tests {
     }
 
     #[test]
-    fn percent_bytes_and_unknown_scales_are_divided_and_remarked() {
+    fn percent_byte_and_unknown_scales_are_divided_and_reported() {
         for (by, word) in [
             (100.0, "percent"),
             (255.0, "up to 255"),
-            (8.0, "not known"),
-            (1000.0, "not known"),
+            (8.0, "unknown"),
+            (1000.0, "unknown"),
         ] {
             let scores: Vec<f64> = usual().iter().map(|it| it * by).collect();
             let (divided, remarked) = scale(&scores);
@@ -160,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_scores_decide_no_scale_whatever_they_are() {
+    fn a_few_extreme_scores_do_not_change_the_scale() {
         for wild in [1.3, 9.7, 1e9, f64::MAX, 100.0] {
             let mut scores = usual();
             scores.extend([wild, 1.3, 1.3, 1.3]);
@@ -172,11 +170,11 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_with_percent_does_not_decide_over_one_with_fractions() {
+    fn each_camera_keeps_its_own_scale() {
         let percent: Vec<f64> = usual().iter().map(|it| it * 100.0).collect();
         let mut remarks = Vec::new();
         let cameras = [camera("a", &usual()), camera("b", &percent)];
-        let scales = ScoreScale::of(&cameras, &mut remarks);
+        let scales = ScoreScale::per_camera(&cameras, &mut remarks);
         let ours = [scales[0].applied(0.8), scales[1].applied(80.0)];
         assert!(ours.iter().all(|it| (it - 0.8).abs() < 1e-9), "{ours:?}");
         assert_eq!(remarks.len(), 1);

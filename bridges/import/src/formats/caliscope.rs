@@ -1,7 +1,8 @@
-//! Caliscope's `xy_*.csv`: a row per point and camera, `sync_index,cam_id,point_id,img_loc_x,img_loc_y`. Older ones say `port`
-//! for `cam_id`, newer ones `keypoint_id` for `point_id` and have an `object_id`. There are no scores.
+//! Caliscope's `xy_*.csv`: one row per point and camera,
+//! `sync_index,cam_id,point_id,img_loc_x,img_loc_y`. Older files have `port` instead of `cam_id`;
+//! newer ones have `keypoint_id` instead of `point_id`, and an `object_id`. There are no scores.
 //!
-//! Its trackers number `MediaPipe`'s 33 body landmarks from 0, hands and face from 100 on.
+//! Its trackers number `MediaPipe`'s 33 body landmarks from 0, and hands and face from 100.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -10,16 +11,16 @@ use farfield_proto::toml_file::FileError;
 
 use super::Content;
 use super::table::{Row, column, rows};
-use crate::frame_number::MAX_FRAME;
+use crate::folder::MAX_FRAME;
 use crate::keypoints::Model;
 use crate::person::{CameraKey, Candidate};
 
-/// Ids from here on are of hands and faces.
+/// First id of hands and faces.
 const FIRST_OF_HANDS: i64 = 100;
-/// Most cameras and people that are numbered.
+/// Maximum id of cameras and people.
 const MAX_ID: i64 = 100_000;
 
-/// Where the columns are.
+/// Indices of the columns.
 struct Columns {
     frame: usize,
     camera: usize,
@@ -27,11 +28,11 @@ struct Columns {
     point: usize,
     x: usize,
     y: usize,
-    /// Where a point is on a board: points of people are on none.
+    /// Position on a calibration board; empty for points of people.
     on_board: Option<usize>,
 }
 
-/// One body in one picture.
+/// One body in one image.
 type Body = BTreeMap<i64, (f64, f64)>;
 
 pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(), FileError> {
@@ -55,7 +56,7 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
     for ((camera, frame, _), body) in &bodies {
         let mapping = content.keypoints.by_count(count).map_err(whole)?;
         let person = mapping.person(|place| match body.get(&(place.cast_signed() as i64)) {
-            Some((x, y)) => Candidate::of(Some(*x), Some(*y), Some(1.0)),
+            Some((x, y)) => Candidate::from_numbers(Some(*x), Some(*y), Some(1.0)),
             None => Ok(None),
         });
         let person = person.map_err(whole)?;
@@ -63,25 +64,26 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
         let added = content.detections.add(&camera, *frame, &person);
         added.map_err(whole)?;
     }
-    content.note("the file has no scores: keypoints were taken for certain (score 1)");
+    content.note("the file has no scores: all keypoints were given the score 1");
     Ok(())
 }
 
-/// Which keypoints the points of these ids are; `None` where there are none. What is not said is guessed, and doubted.
+/// Determines the keypoint model from point ids; `None` without ids. A guess is reported as a
+/// warning.
 ///
-/// Of points that nobody saw there is no row: ids that stop short of 32 may be `MediaPipe`'s of somebody who sits at a
-/// table. Only where every id of a smaller model is there, and none beyond it, it is that one.
+/// Undetected points have no row, so ids that stop below 32 may be `MediaPipe`'s of a person
+/// sitting at a table. A smaller model is chosen only if exactly all of its ids are present.
 fn model(ids: &BTreeSet<i64>, content: &mut Content) -> Result<Option<Model>, String> {
     let Some(&largest) = ids.last() else {
         return Ok(None);
     };
-    if let Some(said) = content.keypoints.said(largest) {
-        return Ok(Some(said));
+    if let Some(given) = content.keypoints.given_model(largest) {
+        return Ok(Some(given));
     }
     let last_of = |model: Model| model.count().cast_signed() as i64 - 1;
     if largest > last_of(Model::BlazePose) {
         return Err(format!(
-            "found point {largest}, which MediaPipe's body has not, expected ids up to {}: say which keypoints they are with \
+            "found point {largest}, which MediaPipe's body lacks, expected ids up to {}: give the keypoint model with \
              `--keypoints MODEL`",
             last_of(Model::BlazePose)
         ));
@@ -90,11 +92,13 @@ fn model(ids: &BTreeSet<i64>, content: &mut Content) -> Result<Option<Model>, St
     let smaller = [Model::Coco17, Model::Halpe26].into_iter().find(is_whole);
     let model = smaller.unwrap_or(Model::BlazePose);
     if largest == last_of(Model::BlazePose) {
-        content.note("the file does not name its points: they were taken for BLAZEPOSE, which counts to 32 as they do");
+        content.note(
+            "the file does not name its points: BLAZEPOSE was assumed, whose ids also end at 32",
+        );
     } else {
-        content.doubts.insert(format!(
-            "the file does not name its points, of which {largest} is the last: they were taken for {}; where that is wrong, \
-             say `--keypoints MODEL`",
+        content.warnings.insert(format!(
+            "the file does not name its points, of which {largest} is the last: {} was assumed; if that is wrong, give \
+             `--keypoints MODEL`",
             model.name()
         ));
     }
@@ -126,7 +130,7 @@ fn point(
         && row.number(column)?.is_some()
     {
         return Err(
-            "found a point of a calibration board, expected points of people: take the xy file of a tracker of bodies"
+            "found a point of a calibration board, expected points of people: import the xy file of a body tracker"
                 .to_owned(),
         );
     }
@@ -155,7 +159,7 @@ mod tests {
     use super::*;
     use crate::formats::{Format, ParseOptions, Parsed, parse};
 
-    /// One body that has these points, each at twice its id.
+    /// One body with these points, each at x = twice its id.
     fn read(ids: impl IntoIterator<Item = i64>, options: ParseOptions) -> Result<Parsed, String> {
         let rows = ids.into_iter().map(|id| format!("0,1,{id},{},5\n", 2 * id));
         let text: String = rows.collect();
@@ -172,57 +176,57 @@ mod tests {
     }
 
     #[test]
-    fn a_model_is_guessed_by_all_ids_and_the_guess_is_doubted() {
-        let guessed = |ids: Vec<i64>| read(ids, ParseOptions::default()).unwrap();
-        let upper_body = guessed((0..23).collect());
+    fn a_guess_from_incomplete_ids_gives_a_warning() {
+        let guess = |ids: Vec<i64>| read(ids, ParseOptions::default()).unwrap();
+        let upper_body = guess((0..23).collect());
         assert_eq!(model_of(&upper_body), "BLAZEPOSE");
         assert!(
             upper_body
-                .doubts
+                .warnings
                 .iter()
                 .any(|it| it.contains("22 is the last"))
         );
-        // COCO's 17th without all of those before.
-        assert_eq!(model_of(&guessed((11..17).collect())), "BLAZEPOSE");
+        // The last id of COCO without all ids before it.
+        assert_eq!(model_of(&guess((11..17).collect())), "BLAZEPOSE");
         for (last, name) in [(16, "COCO_17"), (25, "HALPE_26")] {
-            let whole = guessed((0..=last).collect());
+            let whole = guess((0..=last).collect());
             assert_eq!(model_of(&whole), name);
-            assert!(whole.doubts.iter().any(|it| it.contains(name)));
+            assert!(whole.warnings.iter().any(|it| it.contains(name)));
         }
-        let whole = guessed((0..33).collect());
-        assert_eq!((model_of(&whole), whole.doubts.len()), ("BLAZEPOSE", 0));
+        let whole = guess((0..33).collect());
+        assert_eq!((model_of(&whole), whole.warnings.len()), ("BLAZEPOSE", 0));
     }
 
     #[test]
-    fn a_model_that_was_said_decides_whatever_the_ids() {
-        let asked = |model| ParseOptions {
+    fn a_given_model_overrides_the_ids() {
+        let requested = |model| ParseOptions {
             model: Some(model),
             ..ParseOptions::default()
         };
-        let parsed = read(0..17, asked(Model::Halpe26)).unwrap();
-        assert_eq!((model_of(&parsed), parsed.doubts.len()), ("HALPE_26", 0));
-        let parsed = read(0..17, asked(Model::BlazePose)).unwrap();
+        let parsed = read(0..17, requested(Model::Halpe26)).unwrap();
+        assert_eq!((model_of(&parsed), parsed.warnings.len()), ("HALPE_26", 0));
+        let parsed = read(0..17, requested(Model::BlazePose)).unwrap();
         assert_eq!(model_of(&parsed), "BLAZEPOSE");
         let hinted = ParseOptions {
             model_hint: Some(Model::Halpe26),
             ..ParseOptions::default()
         };
         assert_eq!(model_of(&read(0..12, hinted).unwrap()), "HALPE_26");
-        // Settings of another recording do not stand against the file.
+        // Settings of another recording do not override the file.
         assert_eq!(model_of(&read(0..33, hinted).unwrap()), "BLAZEPOSE");
     }
 
     #[test]
-    fn ids_between_the_body_and_the_hands_are_refused_until_somebody_says_what_they_are() {
+    fn unknown_ids_need_an_explicit_model() {
         let refused = read(0..60, ParseOptions::default()).unwrap_err();
         assert!(
             refused.contains("found point 59") && refused.contains("--keypoints MODEL"),
             "{refused}"
         );
-        let asked = ParseOptions {
+        let requested = ParseOptions {
             model: Some(Model::Halpe68),
             ..ParseOptions::default()
         };
-        assert_eq!(model_of(&read(0..60, asked).unwrap()), "HALPE_68");
+        assert_eq!(model_of(&read(0..60, requested).unwrap()), "HALPE_68");
     }
 }

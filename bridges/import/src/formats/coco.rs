@@ -1,7 +1,9 @@
-//! COCO's JSON of keypoints, and `AlphaPose`'s, which is COCO's results with names of pictures in the place of ids.
+//! COCO's keypoint JSON, and `AlphaPose`'s, which is COCO's results format with image names instead
+//! of ids.
 //!
-//! Results are `[{"image_id": 12, "category_id": 1, "keypoints": [x, y, score, ...], "score": 0.9}]`; annotations have tables
-//! of images, categories and annotations, and flags in the place of scores: 0 not labelled, 1 labelled and hidden, 2 seen.
+//! Results are `[{"image_id": 12, "category_id": 1, "keypoints": [x, y, score, ...], "score":
+//! 0.9}]`. Annotations have lists of images, categories and annotations, and flags instead of
+//! scores: 0 not labelled, 1 labelled but hidden, 2 visible.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,12 +13,12 @@ use serde::Deserialize;
 
 use super::Content;
 use super::json::{self, Number};
-use crate::frame_number::{self, MAX_FRAME};
+use crate::folder::{self, MAX_FRAME};
 use crate::person::{CameraKey, Person};
 
-/// COCO's number of people.
+/// COCO's category of people.
 const PERSON: i64 = 1;
-/// What a keypoint is worth that was labelled where it could not be seen: half of one that was. Assumed, and said.
+/// Assumed score of a hidden keypoint; reported.
 const HIDDEN_SCORE: f64 = 0.5;
 
 #[derive(Deserialize)]
@@ -27,7 +29,7 @@ struct ResultEntry {
     keypoints: Vec<Number>,
 }
 
-/// A number, or a picture's name.
+/// A number, or the name of an image.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum ImageId {
@@ -68,7 +70,7 @@ pub(super) fn read_results(
     let mut named = NamedFrames::default();
     for (i, entry) in entries.iter().enumerate() {
         if entry.category_id.is_some_and(|id| id != PERSON) {
-            content.note("what is of another category than 1, people, was left out");
+            content.note("entries of categories other than 1 (people) were left out");
             continue;
         }
         let (camera, frame) = match &entry.image_id {
@@ -120,7 +122,7 @@ pub(super) fn read_annotations(
         .filter(|it| !it.is_empty());
     for (i, entry) in file.annotations.iter().enumerate() {
         if entry.category_id.is_some_and(|it| it != id) {
-            content.note("what is of another category than people was left out");
+            content.note("annotations of categories other than people were left out");
             continue;
         }
         let at = |field: &str, problem: String| {
@@ -141,7 +143,7 @@ pub(super) fn read_annotations(
         if let Some(mut person) = person {
             flags_to_scores(&mut person);
             content.note(
-                "annotations have flags instead of scores: seen was taken for 1, labelled and hidden for 0.5",
+                "annotations have flags instead of scores: visible was read as 1, labelled but hidden as 0.5",
             );
             let added = content.detections.add(camera, *frame, &person);
             added.map_err(|problem| at("keypoints", problem))?;
@@ -168,14 +170,14 @@ fn number(id: i64) -> Result<i64, String> {
     }
 }
 
-/// Pictures by their names, of which each is another frame of its camera.
+/// Named images; each must be a different frame of its camera.
 #[derive(Default)]
 struct NamedFrames {
     names: BTreeMap<(CameraKey, i64), String>,
 }
 
 impl NamedFrames {
-    /// The camera and the frame of a picture. Another picture of the same is of another take.
+    /// The camera and frame of an image. A second image with the same ones is from another take.
     fn take(&mut self, name: &str) -> (CameraKey, Result<i64, String>) {
         let (camera, frame) = by_name(name);
         let frame = frame.and_then(|frame| {
@@ -185,7 +187,7 @@ impl NamedFrames {
                 Ok(frame)
             } else {
                 Err(format!(
-                    "found `{known}` and `{name}`, one frame of one camera twice: import each take, or each camera, by itself"
+                    "found `{known}` and `{name}`, one frame of one camera twice: import each take or each camera separately"
                 ))
             }
         });
@@ -193,11 +195,11 @@ impl NamedFrames {
     }
 }
 
-/// The camera and the frame of a picture, by its name.
+/// The camera and frame of an image, from its name.
 fn by_name(name: &str) -> (CameraKey, Result<i64, String>) {
-    let folder = frame_number::folder_of_name(name);
+    let folder = folder::folder_of_name(name);
     let camera = folder.map_or(CameraKey::OfFile, |it| CameraKey::Named(it.to_owned()));
-    let frame = frame_number::of_name(name).ok_or_else(|| {
+    let frame = folder::frame_of_name(name).ok_or_else(|| {
         format!("found `{name}`, expected a name with the number of a frame, such as 000123.jpg")
     });
     (camera, frame)

@@ -1,7 +1,8 @@
-//! `FreeMoCap`'s `*2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy`: cameras x frames x points x (x, y, and something
-//! else). The cameras have no names but the order of their videos.
+//! `FreeMoCap`'s `*2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy`: cameras x frames x
+//! points x (x, y, third number). Cameras have no names, only the order of their videos.
 //!
-//! Of `MediaPipe`'s points the body's 33 come first, hands and face after them; the third number is a depth there, no score.
+//! `MediaPipe`'s 33 body points come first, then hands and face. The third number is a depth, not a
+//! score.
 
 use std::path::Path;
 
@@ -12,7 +13,7 @@ use super::npy::Array;
 use crate::keypoints::Model;
 use crate::person::{CameraKey, Candidate};
 
-/// Most cameras of one recording.
+/// Maximum number of cameras.
 const MAX_CAMERAS: usize = 4096;
 
 pub(super) fn read(bytes: &[u8], path: &Path, content: &mut Content) -> Result<(), FileError> {
@@ -30,12 +31,12 @@ pub(super) fn read(bytes: &[u8], path: &Path, content: &mut Content) -> Result<(
             array.shape
         )));
     }
-    let count = body_of(points);
-    content.note("the file has no scores: keypoints were taken for certain (score 1)");
+    let count = body_points(points);
+    content.note("the file has no scores: all keypoints were given the score 1");
     for camera in 0..cameras {
         let key = CameraKey::Nth(camera);
         for frame in 0..frames {
-            // Bounded by the file's length: every frame has a number in it.
+            // Limited by the file's length: every frame must contain a number.
             if points == 0 {
                 break;
             }
@@ -45,7 +46,7 @@ pub(super) fn read(bytes: &[u8], path: &Path, content: &mut Content) -> Result<(
             let mapping = content.keypoints.by_count(count).map_err(whole)?;
             let person = mapping.person(|place| {
                 let at = |number: usize| array.at(&[camera, frame, place, number]);
-                Candidate::of(at(0), at(1), Some(1.0))
+                Candidate::from_numbers(at(0), at(1), Some(1.0))
             });
             let added = person.and_then(|it| content.detections.add(&key, number, &it));
             added.map_err(|problem| whole(problem).at_field(format!("[{camera}, {frame}]")))?;
@@ -54,12 +55,12 @@ pub(super) fn read(bytes: &[u8], path: &Path, content: &mut Content) -> Result<(
     Ok(())
 }
 
-/// How many of so many points are the body's: hands of 21 each and faces follow it.
-fn body_of(points: usize) -> usize {
+/// How many of all points belong to the body; two hands of 21 each and the face follow.
+fn body_points(points: usize) -> usize {
     match points {
-        // With hands (75), with the face's 468, 478 or none of its irises.
+        // With hands (75); with a face of 468 points, or of 478 with the irises.
         33 | 75 | 501 | 511 | 543 | 553 => Model::BlazePose.count(),
-        // With hands and face, as OpenPose has them.
+        // With hands and face, as in OpenPose.
         67 | 95 | 137 => Model::Body25.count(),
         other => other,
     }

@@ -1,4 +1,4 @@
-//! JSON as programs in Python write it: `NaN` in the place of numbers is "not found", errors name line and field.
+//! JSON as Python programs write it: `NaN` means not detected. Errors contain line and field.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -12,10 +12,10 @@ use super::Format;
 use crate::keypoints::{Keypoints, MAX_KEYPOINTS, Mapping};
 use crate::person::{Candidate, Person};
 
-/// A number of a file; `null` and `NaN` are none.
+/// A number of a file; `None` for `null` and `NaN`.
 pub(super) type Number = Option<f64>;
 
-/// The whole text as a `T`.
+/// Parses the whole text as a `T`.
 ///
 /// # Errors
 /// [`FileError`] with line and field.
@@ -36,13 +36,14 @@ pub(super) fn read<T: DeserializeOwned>(text: &str, path: &Path) -> Result<T, Fi
 }
 
 fn problem(error: &serde_json::Error, path: &Path) -> FileError {
-    let said = error.to_string();
-    let said = said.split(" at line ").next().unwrap_or_default();
+    let message = error.to_string();
+    let message = message.split(" at line ").next().unwrap_or_default();
     let what = if error.is_data() {
-        said.replacen("invalid type: ", "found ", 1)
+        message
+            .replacen("invalid type: ", "found ", 1)
             .replacen("invalid value: ", "found ", 1)
     } else {
-        format!("not JSON: {said}")
+        format!("not JSON: {message}")
     };
     let problem = FileError::new(path, what);
     match error.line() {
@@ -51,26 +52,26 @@ fn problem(error: &serde_json::Error, path: &Path) -> FileError {
     }
 }
 
-/// `text` with `null` in the place of `NaN` and `Infinity`, which Python writes and JSON has not.
+/// Replaces `NaN` and `Infinity`, which Python writes and JSON lacks, by `null`.
 fn without_nan(text: &str) -> Cow<'_, str> {
     const WORDS: [&str; 3] = ["NaN", "-Infinity", "Infinity"];
     if !text.contains("NaN") && !text.contains("Infinity") {
         return Cow::Borrowed(text);
     }
-    let mut mended = String::with_capacity(text.len() + 16);
+    let mut replaced = String::with_capacity(text.len() + 16);
     let mut rest = text;
     let mut is_quoted = false;
     while let Some(at) = rest.find(['"', '\\', 'N', 'I', '-']) {
         let (before, here) = rest.split_at(at);
-        mended.push_str(before);
+        replaced.push_str(before);
         let word = WORDS
             .iter()
             .find(|word| !is_quoted && here.starts_with(**word));
         let length = if let Some(word) = word {
-            mended.push_str("null");
+            replaced.push_str("null");
             word.len()
         } else {
-            // A sign that is escaped ends no text.
+            // An escaped character does not end the string.
             let escaped = is_quoted && here.starts_with('\\');
             let length: usize = here
                 .chars()
@@ -78,19 +79,19 @@ fn without_nan(text: &str) -> Cow<'_, str> {
                 .map(char::len_utf8)
                 .sum();
             is_quoted ^= here.starts_with('"');
-            mended.push_str(&here[..length]);
+            replaced.push_str(&here[..length]);
             length
         };
         rest = &here[length..];
     }
-    mended.push_str(rest);
-    Cow::Owned(mended)
+    replaced.push_str(rest);
+    Cow::Owned(replaced)
 }
 
-/// The person of a flat list x, y, score, x, y, score, ...; `None` of an empty list.
+/// The person of a flat list x, y, score, x, y, score, ...; `None` for an empty list.
 ///
 /// # Errors
-/// What is wrong with the list.
+/// If the list is invalid.
 pub(super) fn flat_person(
     keypoints: &mut Keypoints,
     names: Option<&[String]>,
@@ -107,12 +108,13 @@ pub(super) fn flat_person(
     }
     let mapping = mapping(keypoints, names, flat.len() / 3)?;
     let at = |i: usize| flat.get(i).copied().flatten();
-    let person = mapping
-        .person(|place| Candidate::of(at(3 * place), at(3 * place + 1), at(3 * place + 2)))?;
+    let person = mapping.person(|place| {
+        Candidate::from_numbers(at(3 * place), at(3 * place + 1), at(3 * place + 2))
+    })?;
     Ok(Some(person))
 }
 
-/// By the names, where these are as many as the keypoints.
+/// Maps by the names if there are as many as keypoints, otherwise by count.
 pub(super) fn mapping<'a>(
     keypoints: &'a mut Keypoints,
     names: Option<&[String]>,
@@ -124,10 +126,10 @@ pub(super) fn mapping<'a>(
     }
 }
 
-/// Whose JSON it is; `None` where it is nobody's.
+/// Recognises a format; `None` if unknown.
 ///
 /// # Errors
-/// [`FileError`] where it is none.
+/// [`FileError`] if the text is not JSON.
 pub(super) fn recognised(text: &str, path: &Path) -> Result<Option<Format>, FileError> {
     let Shape {
         is_list,
@@ -149,20 +151,20 @@ pub(super) fn recognised(text: &str, path: &Path) -> Result<Option<Format>, File
     })
 }
 
-/// How a file of `MMPose` begins.
+/// Top-level structure of an `MMPose` file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Top {
     Object,
-    /// Things with instances in them.
+    /// A list of entries with instances.
     ListOfFrames,
     /// Any other list.
     List,
 }
 
-/// How it begins.
+/// Detects the top-level structure.
 ///
 /// # Errors
-/// [`FileError`] where it is no JSON.
+/// [`FileError`] if the text is not JSON.
 pub(super) fn top(text: &str, path: &Path) -> Result<Top, FileError> {
     let shape: Shape = read(text, path)?;
     Ok(match shape.is_list {
@@ -172,7 +174,7 @@ pub(super) fn top(text: &str, path: &Path) -> Result<Top, FileError> {
     })
 }
 
-/// What stands at the top of a file: its keys, or those of the first thing in its list.
+/// The top-level keys of a file, or those of the first entry of its list.
 #[derive(Debug, Default)]
 struct Shape {
     is_list: bool,
@@ -240,7 +242,7 @@ impl<'de> Visitor<'de> for ShapeVisitor {
     }
 }
 
-/// Whether a value is a text.
+/// Whether a value is a string.
 struct TextOrNot(bool);
 
 impl<'de> Deserialize<'de> for TextOrNot {
@@ -257,7 +259,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pythons_nan_is_null_and_texts_keep_theirs() {
+    fn nan_becomes_null_except_in_strings() {
         let text = r#"{"NaN \" NaN": [NaN, -Infinity, Infinity, -1, "Infinity"]}"#;
         assert_eq!(
             without_nan(text),

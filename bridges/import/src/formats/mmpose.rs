@@ -1,6 +1,7 @@
-//! `MMPose`'s predictions: `{"meta_info": ..., "instance_info": [{"frame_id": 1, "instances": [...]}]}`, the list of frames
-//! alone (its inferencer's, of a video), or the list of instances alone (its inferencer's, of one picture). An instance is
-//! `{"keypoints": [[x, y], ...], "keypoint_scores": [...]}`.
+//! `MMPose`'s predictions. Three forms are read: `{"meta_info": ..., "instance_info": [{"frame_id":
+//! 1, "instances": [...]}]}`; the list of frames alone (inferencer output of a video); the list of
+//! instances alone (inferencer output of one image). An instance is `{"keypoints": [[x, y], ...],
+//! "keypoint_scores": [...]}`.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,7 +12,7 @@ use serde::Deserialize;
 use super::Content;
 use super::json::{self, Number};
 use super::openpose::frame_of;
-use crate::frame_number::MAX_FRAME;
+use crate::folder::MAX_FRAME;
 use crate::person::{CameraKey, Candidate, Person};
 
 #[derive(Deserialize)]
@@ -23,7 +24,7 @@ struct WholeFile {
 
 #[derive(Deserialize, Default)]
 struct MetaInfo {
-    /// Numbers as texts, as JSON has keys.
+    /// JSON keys are strings, so the numbers are strings.
     #[serde(default)]
     keypoint_id2name: BTreeMap<String, String>,
 }
@@ -83,7 +84,7 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
     Ok(())
 }
 
-/// The names in order, where all numbers from 0 have one.
+/// The names in order, if all numbers from 0 have one.
 fn names(meta: &MetaInfo) -> Option<Vec<String>> {
     let count = meta.keypoint_id2name.len();
     let named = (0..count).map(|i| meta.keypoint_id2name.get(&i.to_string()).cloned());
@@ -107,7 +108,7 @@ fn person(
         ));
     }
     if instance.keypoint_scores.is_none() {
-        content.note("keypoints without scores were taken for certain (score 1)");
+        content.note("keypoints without scores were given the score 1");
     }
     let mapping = json::mapping(&mut content.keypoints, names, count)?;
     mapping.person(|place| {
@@ -123,6 +124,6 @@ fn person(
             Some(scores) => scores.get(place).copied().flatten(),
             None => Some(1.0),
         };
-        Candidate::of(number(0), number(1), score)
+        Candidate::from_numbers(number(0), number(1), score)
     })
 }

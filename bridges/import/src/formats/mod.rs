@@ -1,17 +1,17 @@
-//! 2D keypoints as other programs write them. [`parse`] takes one file; a recording of a file per frame is read by one
-//! [`Reading`].
+//! Readers of 2D keypoint formats. [`parse`] reads one file; [`Reading`] reads a recording with one
+//! file per frame.
 //!
-//! Whose file it is is told by its content. What a file does not say (scores) is taken and said.
+//! Formats are recognised by content. Missing scores are replaced by assumptions, which are
+//! reported.
 
+mod animals;
 mod caliscope;
 mod coco;
-mod deeplabcut;
 mod freemocap;
 mod json;
 mod mmpose;
 mod npy;
 mod openpose;
-mod sleap;
 mod table;
 
 use std::collections::BTreeSet;
@@ -23,12 +23,12 @@ use farfield_proto::toml_file::FileError;
 use crate::keypoints::{Keypoints, Mapping, Model};
 use crate::person::Detections;
 
-/// Longest table or array that is read, bytes.
+/// Maximum size of a table or array, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
-/// Longest JSON that is read, bytes: what it says takes several times as much while it is read.
+/// Maximum size of a JSON file, bytes; parsing takes several times as much memory.
 const MAX_JSON_BYTES: u64 = 1 << 29;
 
-/// Longest file of this name that is read, bytes.
+/// Maximum size of a file with this name, bytes.
 pub(crate) fn max_bytes(path: &Path) -> u64 {
     let ending = path.extension().unwrap_or_default();
     if ending.eq_ignore_ascii_case("json") {
@@ -38,26 +38,26 @@ pub(crate) fn max_bytes(path: &Path) -> u64 {
     }
 }
 
-/// Whose file it is.
+/// File format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Format {
-    /// `OpenPose`'s and Pose2Sim's: a JSON file per frame, in a folder per camera.
+    /// `OpenPose` and Pose2Sim: one JSON file per frame, in one folder per camera.
     OpenPose,
     /// `AlphaPose`'s `alphapose-results.json`.
     AlphaPose,
-    /// COCO's results of keypoints.
+    /// COCO keypoint results.
     CocoResults,
-    /// COCO's annotations of keypoints.
+    /// COCO keypoint annotations.
     CocoAnnotations,
-    /// `MMPose`'s predictions.
+    /// `MMPose` predictions.
     MmPose,
-    /// `DeepLabCut`'s CSV.
+    /// `DeepLabCut` CSV.
     DeepLabCut,
-    /// SLEAP's analysis as CSV.
+    /// SLEAP analysis CSV.
     Sleap,
-    /// Caliscope's `xy_*.csv`: all cameras in one.
+    /// Caliscope's `xy_*.csv`: all cameras in one file.
     Caliscope,
-    /// `FreeMoCap`'s `*2dData*.npy`: all cameras in one.
+    /// `FreeMoCap`'s `*2dData*.npy`: all cameras in one file.
     FreeMoCap,
 }
 
@@ -75,7 +75,7 @@ impl Format {
         Self::FreeMoCap,
     ];
 
-    /// As the command line has it.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::OpenPose => "openpose",
@@ -90,7 +90,7 @@ impl Format {
         }
     }
 
-    /// The format of this name; `pose2sim` is `OpenPose`'s.
+    /// The format of this name; `pose2sim` is the same as `openpose`.
     pub fn from_name(name: &str) -> Option<Self> {
         if name == "pose2sim" {
             return Some(Self::OpenPose);
@@ -100,7 +100,7 @@ impl Format {
 }
 
 impl Format {
-    /// The ending that its files have.
+    /// File extension.
     pub(crate) fn ending(self) -> &'static str {
         match self {
             Self::OpenPose
@@ -120,37 +120,37 @@ impl fmt::Display for Format {
     }
 }
 
-/// What the caller knows better than the files. The default is to believe them.
+/// What the caller knows about the files. The default relies on their content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ParseOptions {
-    /// Whose files they are; `None`: told by their content.
+    /// Format; `None` to recognise it by content.
     pub format: Option<Format>,
-    /// Which keypoints they have; `None`: told by their names or their number.
+    /// Keypoint model; `None` to recognise it by keypoint names or count.
     pub model: Option<Model>,
-    /// What settings beside the files say of that: it decides between models of one number.
+    /// Model in settings next to the files; decides between models of equal count.
     pub model_hint: Option<Model>,
 }
 
-/// What the files of one source said.
+/// Parsed content of one source.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parsed {
-    /// Whose files they are.
+    /// Format of the files.
     pub format: Format,
     /// The people of every camera.
     pub detections: Detections,
-    /// Which keypoints were taken; `None` where there was nobody.
+    /// Keypoint mapping; `None` if there were no people.
     pub mapping: Option<Mapping>,
-    /// What was taken that the files do not say, and what of them was left out; sentences.
+    /// Sentences about assumptions and dropped data.
     pub notes: BTreeSet<String>,
-    /// What may be wrong; sentences.
-    pub doubts: BTreeSet<String>,
+    /// Sentences about suspect data.
+    pub warnings: BTreeSet<String>,
 }
 
 /// Reads one file.
 ///
 /// # Errors
-/// [`FileError`] with file, line or field: no known format, broken syntax, a number of keypoints that no model has, what is
-/// no pixel.
+/// [`FileError`] with file, line or field: unknown format, invalid syntax, a keypoint count of no
+/// model, or coordinates that are not pixels.
 pub fn parse(bytes: &[u8], path: &Path, options: ParseOptions) -> Result<Parsed, FileError> {
     let mut reading = Reading::new(options);
     reading.read(bytes, path)?;
@@ -167,13 +167,13 @@ pub struct Reading {
     content: Content,
 }
 
-/// What the readers of formats fill.
+/// What the format readers fill.
 #[derive(Debug, Default)]
 struct Content {
     detections: Detections,
     keypoints: Keypoints,
     notes: BTreeSet<String>,
-    doubts: BTreeSet<String>,
+    warnings: BTreeSet<String>,
 }
 
 impl Content {
@@ -185,12 +185,13 @@ impl Content {
 }
 
 impl Reading {
-    /// Nothing read yet.
+    /// A reader that has read nothing yet.
     pub fn new(options: ParseOptions) -> Self {
         Self::after(options, 0)
     }
 
-    /// Nothing read yet of this source, and `n_people` of the import's other sources: an import may have so many only.
+    /// A reader for a further source; `n_people` were read from other sources of the import, which
+    /// counts towards its limit.
     pub(crate) fn after(options: ParseOptions, n_people: usize) -> Self {
         Self {
             options,
@@ -203,7 +204,7 @@ impl Reading {
         }
     }
 
-    /// Reads one more file; its format is that of the first.
+    /// Reads one more file; the first file decides the format.
     ///
     /// # Errors
     /// As [`parse`].
@@ -227,20 +228,20 @@ impl Reading {
             }
             Format::CocoAnnotations => coco::read_annotations(text(bytes, path)?, path, content),
             Format::MmPose => mmpose::read(text(bytes, path)?, path, content),
-            Format::DeepLabCut => deeplabcut::read(text(bytes, path)?, path, content),
-            Format::Sleap => sleap::read(text(bytes, path)?, path, content),
+            Format::DeepLabCut => animals::read_deeplabcut(text(bytes, path)?, path, content),
+            Format::Sleap => animals::read_sleap(text(bytes, path)?, path, content),
             Format::Caliscope => caliscope::read(text(bytes, path)?, path, content),
         }
     }
 
-    /// What was read; `None` where no file was.
+    /// The content; `None` if no file was read.
     pub fn finish(self) -> Option<Parsed> {
         Some(Parsed {
             format: self.format?,
             detections: self.content.detections,
             mapping: self.content.keypoints.settled().cloned(),
             notes: self.content.notes,
-            doubts: self.content.doubts,
+            warnings: self.content.warnings,
         })
     }
 }
@@ -256,10 +257,10 @@ fn unknown(path: &Path) -> FileError {
     )
 }
 
-/// Whose file it is, by its content; `None` where it is nobody's.
+/// Recognises a format by content; `None` if unknown.
 ///
 /// # Errors
-/// [`FileError`] where its syntax is broken.
+/// [`FileError`] if its syntax is invalid.
 pub(crate) fn recognised(bytes: &[u8], path: &Path) -> Result<Option<Format>, FileError> {
     if npy::is_npy(bytes) {
         return Ok(Some(Format::FreeMoCap));
@@ -274,7 +275,7 @@ pub(crate) fn recognised(bytes: &[u8], path: &Path) -> Result<Option<Format>, Fi
     }
 }
 
-/// The text of a file, without the mark that some editors begin it with.
+/// Decodes UTF-8 without the byte order mark that some editors write.
 fn text<'a>(bytes: &'a [u8], path: &Path) -> Result<&'a str, FileError> {
     match std::str::from_utf8(bytes) {
         Ok(text) => Ok(text.trim_start_matches('\u{feff}')),
@@ -287,8 +288,6 @@ fn text<'a>(bytes: &'a [u8], path: &Path) -> Result<&'a str, FileError> {
 }
 
 #[cfg(test)]
-mod round_trips;
-#[cfg(test)]
-mod traps;
+mod tests;
 #[cfg(test)]
 pub(crate) mod writers;

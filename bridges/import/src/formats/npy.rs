@@ -1,22 +1,22 @@
-//! `NumPy`'s `.npy` arrays of floating-point numbers: magic, version, a heading in Python's words, then the numbers. Source:
-//! `numpy.lib.format`, versions 1.0 to 3.0.
+//! `NumPy`'s `.npy` arrays of floating-point numbers: magic, version, a heading in Python syntax,
+//! then the numbers. Source: `numpy.lib.format`, versions 1.0 to 3.0.
 
 use std::path::Path;
 
 use farfield_proto::toml_file::FileError;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
-/// Longest heading that is read, bytes: those of plain arrays have a hundred.
+/// Maximum length of the heading, bytes; plain arrays have about a hundred.
 const MAX_HEADING: usize = 1 << 14;
-/// Most axes of an array.
+/// Maximum number of axes.
 const MAX_AXES: usize = 8;
 
-/// Whether it begins as such a file.
+/// Whether the bytes start like such a file.
 pub(super) fn is_npy(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }
 
-/// An array whose numbers stay where they are, in the file.
+/// An array that borrows its numbers from the file.
 #[derive(Debug)]
 pub(super) struct Array<'a> {
     pub(super) shape: Vec<usize>,
@@ -32,10 +32,10 @@ struct Kind {
 }
 
 impl<'a> Array<'a> {
-    /// Reads the heading of `bytes`, and that there are as many numbers as it says.
+    /// Parses the heading and checks that the numbers are complete.
     ///
     /// # Errors
-    /// [`FileError`] saying what is no such file, or of another kind.
+    /// [`FileError`] if it is not such a file, or one of another kind.
     pub(super) fn parse(bytes: &'a [u8], path: &Path) -> Result<Self, FileError> {
         Self::read(bytes).map_err(|problem| FileError::new(path, problem))
     }
@@ -84,7 +84,7 @@ impl<'a> Array<'a> {
         }
         for axis in axes {
             strides[axis] = stride;
-            // The product of all fits: it was looked at.
+            // Cannot overflow: the product of all axes was checked above.
             stride = stride.saturating_mul(shape[axis]);
         }
         Ok(Self {
@@ -95,7 +95,7 @@ impl<'a> Array<'a> {
         })
     }
 
-    /// The number at `place`, an index per axis; `None` where there is none.
+    /// The number at `place`, one index per axis; `None` outside the array.
     pub(super) fn at(&self, place: &[usize]) -> Option<f64> {
         if place.len() != self.shape.len() || place.iter().zip(&self.shape).any(|(i, n)| i >= n) {
             return None;
@@ -121,7 +121,7 @@ impl<'a> Array<'a> {
     }
 }
 
-/// What stands behind `'key':` in the heading.
+/// The text after `'key':` in the heading.
 fn value<'a>(heading: &'a str, key: &str) -> Result<&'a str, String> {
     let quoted = [format!("'{key}':"), format!("\"{key}\":")];
     let found = quoted
@@ -176,7 +176,7 @@ mod tests {
     use crate::formats::writers::npy;
 
     #[test]
-    fn both_orders_and_kinds_are_read() {
+    fn both_memory_orders_are_read() {
         let numbers: Vec<f64> = (0..6).map(f64::from).collect();
         let bytes = npy(&[2, 3], &numbers);
         let array = Array::parse(&bytes, Path::new("a.npy")).unwrap();
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_such_array_is_said() {
+    fn truncated_and_other_arrays_are_refused() {
         let whole = npy(&[2, 3], &[0.0; 6]);
         for length in 0..whole.len() {
             assert!(

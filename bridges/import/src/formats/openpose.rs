@@ -1,5 +1,6 @@
-//! `OpenPose`'s JSON, one file per frame: `{"people": [{"pose_keypoints_2d": [x, y, score, ...]}]}`. Pose2Sim writes it too,
-//! whatever model it runs. Hands and faces have lists of their own, which are not read.
+//! `OpenPose`'s JSON, one file per frame: `{"people": [{"pose_keypoints_2d": [x, y, score,
+//! ...]}]}`. Pose2Sim writes it too, for every model. Hands and faces have their own lists, which
+//! are not read.
 
 use std::path::Path;
 
@@ -8,7 +9,7 @@ use serde::Deserialize;
 
 use super::Content;
 use super::json::{self, Number};
-use crate::frame_number;
+use crate::folder;
 use crate::person::CameraKey;
 
 #[derive(Deserialize)]
@@ -18,7 +19,7 @@ struct FrameFile {
 
 #[derive(Deserialize)]
 struct PersonEntry {
-    // Before version 1.3 it was called so.
+    // Name before version 1.3.
     #[serde(default, alias = "pose_keypoints")]
     pose_keypoints_2d: Vec<Number>,
 }
@@ -44,13 +45,13 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
     Ok(())
 }
 
-/// The frame that a file is of, by its name.
+/// Frame number from the file's name.
 ///
 /// # Errors
-/// [`FileError`] where the name has no number.
+/// [`FileError`] if the name contains no number.
 pub(super) fn frame_of(path: &Path) -> Result<i64, FileError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    frame_number::of_name(&name).ok_or_else(|| {
+    folder::frame_of_name(&name).ok_or_else(|| {
         FileError::new(
             path,
             "found no frame number in the file's name, expected one such as cam01_000123_keypoints.json",

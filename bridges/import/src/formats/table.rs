@@ -1,4 +1,4 @@
-//! Tables as text: rows and cells with their lines, and whose table it is.
+//! CSV tables: rows and cells with line numbers, and recognition of the format.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use farfield_proto::toml_file::FileError;
 
 use super::Format;
 
-/// Most cells of one row: `DeepLabCut` has three per keypoint and animal.
+/// Maximum number of cells in a row; `DeepLabCut` has three per keypoint and animal.
 const MAX_CELLS: usize = 1 << 16;
 
 /// A row and its line, from 1.
@@ -17,7 +17,7 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// The cells without the space around them.
+    /// The cells without surrounding space.
     pub(super) fn cells(&self) -> impl Iterator<Item = &str> {
         self.cells.iter()
     }
@@ -26,10 +26,10 @@ impl Row {
         self.cells.get(column).unwrap_or("")
     }
 
-    /// The number in a column; `None` where it is empty or NaN.
+    /// The number in a column; `None` if empty or NaN.
     ///
     /// # Errors
-    /// What was found instead of a number.
+    /// If the cell is not a number.
     pub(super) fn number(&self, column: usize) -> Result<Option<f64>, String> {
         let cell = self.cell(column);
         if cell.is_empty() {
@@ -41,10 +41,10 @@ impl Row {
         }
     }
 
-    /// The whole number in a column, which may be written as `12.0`.
+    /// The whole number in a column; `12.0` is accepted.
     ///
     /// # Errors
-    /// What was found instead of one.
+    /// If the cell is not a whole number.
     pub(super) fn whole(&self, column: usize, limit: i64) -> Result<i64, String> {
         let number = self.number(column)?;
         let whole = number.filter(|it| it.fract() == 0.0 && it.abs() <= limit as f64);
@@ -61,13 +61,13 @@ impl Row {
     }
 }
 
-/// Enough of a cell to recognise it by.
+/// The start of a cell, for error messages.
 fn shown(cell: &str) -> String {
     const SHOWN_CHARS: usize = 40;
     cell.chars().take(SHOWN_CHARS).collect()
 }
 
-/// The rows of a table, one by one.
+/// Iterates over the rows of a table.
 pub(super) fn rows<'a>(
     text: &'a str,
     path: &'a Path,
@@ -92,14 +92,14 @@ pub(super) fn rows<'a>(
     })
 }
 
-/// Which column is called `names`, the first of these that is there.
+/// Index of the column with one of `names`, in order of preference.
 pub(super) fn column(header: &Row, names: &[&str]) -> Option<usize> {
     names
         .iter()
         .find_map(|name| header.cells().position(|cell| cell == *name))
 }
 
-/// Whose table it is, by its first row; `None` where it is nobody's.
+/// Recognises the format by the first row; `None` if unknown.
 pub(super) fn recognised(text: &str) -> Option<Format> {
     let first = rows(text, Path::new("")).next()?.ok()?;
     let has = |name: &str| column(&first, &[name]).is_some();

@@ -1,4 +1,4 @@
-//! Small writers of each format, for tests: what is written is read back.
+//! Writers of each format for tests.
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::keypoints::{Mapping, Model};
 use crate::person::{Frames, Person};
 
-/// All keypoints of a model as x, y, score; 0 where COCO has none, or none was found.
+/// All keypoints of a model as x, y, score; 0 if COCO lacks it or it was not detected.
 fn flat(person: &Person, mapping: &Mapping) -> Vec<f64> {
     let mut flat = vec![0.0; 3 * mapping.count];
     for (keypoint, place) in person.iter().zip(mapping.places) {
@@ -19,7 +19,7 @@ fn flat(person: &Person, mapping: &Mapping) -> Vec<f64> {
     flat
 }
 
-/// `OpenPose`'s file of one frame.
+/// `OpenPose` file of one frame.
 pub(crate) fn openpose(people: &[Person], model: Model) -> String {
     let mapping = model.mapping();
     let people: Vec<Value> = people
@@ -36,12 +36,12 @@ pub(crate) fn openpose(people: &[Person], model: Model) -> String {
     json!({"version": 1.3, "people": people}).to_string()
 }
 
-/// COCO's results of one camera.
+/// COCO results of one camera.
 pub(crate) fn coco_results(frames: &Frames) -> String {
     results(frames, |frame| json!(frame))
 }
 
-/// `AlphaPose`'s file of one camera.
+/// `AlphaPose` file of one camera.
 pub(crate) fn alphapose(frames: &Frames) -> String {
     results(frames, |frame| json!(format!("{frame}.jpg")))
 }
@@ -60,7 +60,7 @@ fn results(frames: &Frames, id: impl Fn(i64) -> Value) -> String {
     Value::from(entries).to_string()
 }
 
-/// COCO's annotations of one camera, whose pictures lie in a folder; flags stand in the place of scores.
+/// COCO annotations of one camera whose images lie in a folder; with flags instead of scores.
 pub(crate) fn coco_annotations(frames: &Frames, folder: &str) -> String {
     let (mut images, mut annotations) = (Vec::new(), Vec::new());
     for (id, (frame, people)) in frames.iter().enumerate() {
@@ -77,7 +77,7 @@ pub(crate) fn coco_annotations(frames: &Frames, folder: &str) -> String {
     json!({"images": images, "annotations": annotations, "categories": [category]}).to_string()
 }
 
-/// `MMPose`'s predictions of one camera.
+/// `MMPose` predictions of one camera.
 pub(crate) fn mmpose(frames: &Frames, model: Model) -> String {
     let mapping = model.mapping();
     let frames: Vec<Value> = frames
@@ -98,7 +98,7 @@ pub(crate) fn mmpose(frames: &Frames, model: Model) -> String {
     json!({"meta_info": {}, "instance_info": frames}).to_string()
 }
 
-/// `DeepLabCut`'s table of one camera with as many animals as there are at most.
+/// `DeepLabCut` table of one camera, with columns for the largest number of people in a frame.
 pub(crate) fn deeplabcut(frames: &Frames) -> String {
     let most = frames.values().map(Vec::len).max().unwrap_or(0).max(1);
     let mut rows = ["scorer", "individuals", "bodyparts", "coords"].map(str::to_owned);
@@ -128,7 +128,7 @@ pub(crate) fn deeplabcut(frames: &Frames) -> String {
     text
 }
 
-/// SLEAP's table of one camera.
+/// SLEAP table of one camera.
 pub(crate) fn sleap(frames: &Frames) -> String {
     let mut text = "track,frame_idx,instance.score".to_owned();
     for name in COCO17 {
@@ -150,7 +150,7 @@ pub(crate) fn sleap(frames: &Frames) -> String {
     text
 }
 
-/// Caliscope's table of several cameras, tracked by `MediaPipe`; scores are not in it.
+/// Caliscope table of several cameras tracked by `MediaPipe`; has no scores.
 pub(crate) fn caliscope(cameras: &[&Frames]) -> String {
     let mut text = "sync_index,cam_id,object_id,keypoint_id,img_loc_x,img_loc_y,obj_loc_x,obj_loc_y,obj_loc_z\n".to_owned();
     let places = Model::BlazePose.mapping().places;
@@ -167,7 +167,7 @@ pub(crate) fn caliscope(cameras: &[&Frames]) -> String {
                         .unwrap();
                     }
                 }
-                // A foot, and a finger.
+                // Points of a foot and of a finger.
                 writeln!(text, "{frame},{camera},{object},31,1.0,2.0,,,").unwrap();
                 writeln!(text, "{frame},{camera},{object},204,1.0,2.0,,,").unwrap();
             }
@@ -176,7 +176,7 @@ pub(crate) fn caliscope(cameras: &[&Frames]) -> String {
     text
 }
 
-/// `FreeMoCap`'s array of several cameras and one person each; scores are not in it.
+/// `FreeMoCap` array of several cameras with one person each; has no scores.
 pub(crate) fn freemocap(cameras: &[&Frames]) -> Vec<u8> {
     const POINTS: usize = 553;
     let places = Model::BlazePose.mapping().places;
@@ -196,7 +196,7 @@ pub(crate) fn freemocap(cameras: &[&Frames]) -> Vec<u8> {
     npy(&[cameras.len(), n_frames, POINTS, 3], &numbers)
 }
 
-/// An array of `NumPy`.
+/// A `NumPy` array.
 pub(crate) fn npy(shape: &[usize], numbers: &[f64]) -> Vec<u8> {
     let shape: Vec<String> = shape.iter().map(|it| format!("{it},")).collect();
     let heading = format!(

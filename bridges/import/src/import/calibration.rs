@@ -1,4 +1,4 @@
-//! The calibration of an import: the one that was named, else the only one in the folder.
+//! The calibration of an import: the one given by the user, otherwise the only one in the folder.
 
 use std::path::{Path, PathBuf};
 
@@ -15,9 +15,11 @@ use crate::files;
 
 use super::ImportRequest;
 
-/// Levels above a folder in which calibrations are searched for, to be named: Caliscope's is three above the points of one tracker.
+/// Levels above the folder that are searched for calibrations to suggest. Caliscope's lies three
+/// levels above the points of one tracker.
 const LEVELS_ABOVE: usize = 3;
-/// Nearer than this two cameras are one: radians and metres, far below what any calibration knows.
+/// Cameras closer than this (radians and metres) are equal; far below the precision of any
+/// calibration.
 const SAME_CAMERA: f64 = 1e-9;
 
 /// What was found, and read.
@@ -28,7 +30,7 @@ pub(super) struct FoundCalibration {
     texts: Vec<TextFile>,
 }
 
-/// Finds it and reads it; what else was found is in `remarks`.
+/// Finds and reads the calibration; others that were found go to `remarks`.
 pub(super) fn find(
     request: &ImportRequest,
     listed: &[PathBuf],
@@ -57,7 +59,8 @@ pub(super) fn find(
     }
 }
 
-/// Why there is none: what looks like one and cannot be used, and what lies outside the folder, which is taken when it is named.
+/// The error if there is none: lists unusable files, and calibrations outside the folder that the
+/// user may choose.
 fn none(request: &ImportRequest, unusable: &[String]) -> Result<ImportError, ImportError> {
     let mut text = format!("no calibration is in {}", request.folder.display());
     let full = files::full(&request.folder)?;
@@ -74,7 +77,7 @@ fn none(request: &ImportRequest, unusable: &[String]) -> Result<ImportError, Imp
         .collect();
     if !outside.is_empty() {
         let outside = outside.join("; ");
-        text += ", and nothing outside of it is taken unasked. Found there: ";
+        text += ", and none outside it is used unless you name it. Found there: ";
         text += &outside;
     }
     if !unusable.is_empty() {
@@ -86,10 +89,10 @@ fn none(request: &ImportRequest, unusable: &[String]) -> Result<ImportError, Imp
     )))
 }
 
-/// The files of a level above the folder `within`, and of its folders of calibrations.
+/// Files of a level above the folder `within`, and of its calibration folders.
 fn around(level: &Path, within: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
-    // What cannot be read cannot be named either.
+    // Unreadable folders are skipped.
     for path in files::entries(level).unwrap_or_default() {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let is_calibrations = name.to_lowercase().contains("calib") && path != within;
@@ -103,7 +106,7 @@ fn around(level: &Path, within: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Whether the user has named a calibration, under whatever name of its files.
+/// Whether the user named this calibration, by any path to its files.
 fn is_named(found: &calibrations::FoundCalibration, request: &ImportRequest) -> bool {
     let full = |path: &PathBuf| files::full(path).ok();
     let named: Vec<_> = request.calibration.iter().filter_map(full).collect();
@@ -130,7 +133,7 @@ fn read(paths: Vec<PathBuf>) -> Result<FoundCalibration, ImportError> {
 }
 
 impl FoundCalibration {
-    /// What its conversion says.
+    /// Remarks of the conversion.
     pub(super) fn remarks(&self) -> Vec<Remark> {
         let remarks = self.imported.remarks.iter();
         remarks
@@ -141,7 +144,7 @@ impl FoundCalibration {
             .collect()
     }
 
-    /// Our file, of these cameras.
+    /// The text of our calibration file for these cameras.
     pub(super) fn text_of(&self, cameras: &[CameraFrames]) -> Result<String, ImportError> {
         let records: Vec<_> = self
             .imported
@@ -155,24 +158,29 @@ impl FoundCalibration {
         let text = written.into_iter().next().map(|file| file.text);
         let text =
             text.ok_or_else(|| ImportError::refused("no camera is left of the calibration"))?;
-        Ok(self.as_it_is(&text).unwrap_or(text))
+        Ok(self.unchanged_text(&text).unwrap_or(text))
     }
 
-    /// The file itself where it says of the same cameras what `written` does: turned into matrices and back, a rotation is
-    /// another in its last bit, and where people are hard to tell apart that is enough for other poses than by hand.
-    fn as_it_is(&self, written: &str) -> Option<String> {
+    /// Returns the original text if it describes the same cameras as `written`. Converting a
+    /// rotation to a matrix and back changes its last bit, and in crowded scenes that is enough to
+    /// change poses.
+    fn unchanged_text(&self, written: &str) -> Option<String> {
         let [only] = self.texts.as_slice() else {
             return None;
         };
         let cameras = |text: &str| Some(Calibration::parse(text, &only.path).ok()?.cameras);
         let (ours, theirs) = (cameras(&only.text)?, cameras(written)?);
         let names_are_same = ours.keys().eq(theirs.keys());
-        let are_same = names_are_same && ours.values().zip(theirs.values()).all(is_same);
+        let are_same = names_are_same
+            && ours
+                .values()
+                .zip(theirs.values())
+                .all(|(a, b)| is_same(a, b));
         are_same.then(|| only.text.clone())
     }
 }
 
-fn is_same((a, b): (&CameraModel, &CameraModel)) -> bool {
+fn is_same(a: &CameraModel, b: &CameraModel) -> bool {
     let poses = [a, b].map(|camera| camera.camera_from_world().isometry());
     let turned_rad = poses[0].rotation.angle_to(&poses[1].rotation);
     let apart_m = (poses[0].translation.vector - poses[1].translation.vector).norm();

@@ -1,4 +1,4 @@
-//! Whose keypoints are which camera's of the calibration.
+//! Assigns keypoints to the cameras of the calibration.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -14,26 +14,26 @@ use crate::person::{CameraKey, Frames};
 
 use super::sources::Source;
 
-/// What one camera of a source saw.
+/// The keypoints of one camera of a source.
 struct Seen {
-    /// What names it; its place where nothing does.
+    /// How the camera is identified.
     name: Name,
-    /// For reports.
+    /// Source for reports.
     from: String,
     frames: Frames,
 }
 
 enum Name {
-    /// The calibration's: the user has said so.
+    /// A name of the calibration, given by the user.
     Certain(String),
-    /// Names that may say it, the first that does.
+    /// Candidate names in order of preference.
     Like(Vec<String>),
-    /// By its place alone, of so many.
+    /// Index and number of cameras, for sources without names.
     Nth(usize, usize),
 }
 
 impl Name {
-    /// By the last number, as Pose2Sim has it, then by all of the names; what has no number comes last.
+    /// Sort key: the last number as in Pose2Sim, then all names; names without numbers come last.
     fn order(&self) -> Vec<(bool, NaturalKey)> {
         let Self::Like(names) = self else {
             return Vec::new();
@@ -42,8 +42,9 @@ impl Name {
     }
 }
 
-/// The frames of every camera that has some, in the order of the calibration; `unsynchronised` is what was left out since
-/// Pose2Sim has synchronised other cameras only.
+/// Returns the frames of every camera that has some, in the order of the calibration.
+/// `unsynchronised` lists keypoints that were skipped because Pose2Sim synchronised only other
+/// cameras.
 pub(super) fn matched(
     sources: Vec<Source>,
     unsynchronised: &BTreeSet<PathBuf>,
@@ -60,8 +61,8 @@ pub(super) fn matched(
         if let Some(other) = taken.get(&place) {
             let name = records.get(place).map_or("", |it| it.name.as_str());
             return Err(ImportError::refused(format!(
-                "`{}` and `{}` are both of camera `{name}`: say whose they are with `--camera NAME=FOLDER`, or import a \
-                 folder of one recording",
+                "`{}` and `{}` both match camera `{name}`: assign them with `--camera NAME=FOLDER`, or import a folder that \
+                 holds one recording",
                 other.from, seen.from
             )));
         }
@@ -70,7 +71,7 @@ pub(super) fn matched(
     let mut cameras = Vec::new();
     for (place, record) in records.iter().enumerate() {
         let Some(seen) = taken.remove(&place) else {
-            let (kind, text) = left.why_left_out(place);
+            let (kind, text) = left.omission_reason(place);
             remarks.push(Remark::of_camera(kind, &record.name, text));
             continue;
         };
@@ -85,14 +86,14 @@ pub(super) fn matched(
     Ok(cameras)
 }
 
-/// Where the world's -z points in a camera's pictures; (0, 1) where the camera looks along it, or is not placed.
+/// Direction of the world's -z in the image; (0, 1) if the camera looks along it or has no pose.
 fn down(record: &CameraRecord) -> [f64; 2] {
-    /// Length in the picture that a direction has at least, of 1: more than 20 degrees from where the camera looks.
+    /// Minimum length of the projected direction: more than 20 degrees from the optical axis.
     const SHOWN: f64 = 0.34;
     let Some(pose) = record.camera_from_world else {
         return [0.0, 1.0];
     };
-    // The third column of the rotation is the world's z in the camera's axes.
+    // The third column of the rotation is the world's z in camera axes.
     let up = pose.rotation.to_rotation_matrix();
     let (x, y) = (-up[(0, 2)], -up[(1, 2)]);
     let length = x.hypot(y);
@@ -103,11 +104,11 @@ fn down(record: &CameraRecord) -> [f64; 2] {
     }
 }
 
-/// Keypoints that were left out, since Pose2Sim has synchronised other cameras only.
+/// Keypoints that were skipped because Pose2Sim synchronised only other cameras.
 struct Unsynchronised {
-    /// Those that may be keypoints, for reports.
+    /// All that may be keypoints, for reports.
     all: Vec<String>,
-    /// Those of a camera of the calibration, by its place there.
+    /// Those that match a camera, by its index in the calibration.
     of_cameras: BTreeMap<usize, String>,
 }
 
@@ -123,7 +124,7 @@ impl Unsynchronised {
             let shown = path.display().to_string();
             let name = folder::camera_name(path, is_folder);
             let likeness = like(&name, &names);
-            // Other files lie there, too: settings, a list of pictures.
+            // Settings and lists of images may lie in the same folder.
             if is_folder || !matches!(likeness, Likeness::None) {
                 left.all.push(shown.clone());
             }
@@ -134,14 +135,14 @@ impl Unsynchronised {
         left
     }
 
-    /// Why the camera at `place` of the calibration has no keypoints.
-    fn why_left_out(&self, place: usize) -> (RemarkKind, String) {
+    /// Why the camera at index `place` of the calibration has no keypoints.
+    fn omission_reason(&self, place: usize) -> (RemarkKind, String) {
         match self.of_cameras.get(&place) {
             Some(path) => (
                 RemarkKind::Doubtful,
                 format!(
-                    "it is left out of the venue: its keypoints in {path} are not synchronised, and `pose-sync` has none of it but \
-                     of other cameras; {SYNCHRONISE}"
+                    "it is left out of the venue: its keypoints in {path} are not synchronised, and `pose-sync` has only \
+                     those of other cameras; {SYNCHRONISE}"
                 ),
             ),
             None => (
@@ -151,7 +152,7 @@ impl Unsynchronised {
         }
     }
 
-    /// What else there is to say where names fit no camera.
+    /// Addition to the error if names match no camera.
     fn hint(&self) -> String {
         if self.all.is_empty() {
             return String::new();
@@ -163,11 +164,11 @@ impl Unsynchronised {
     }
 }
 
-/// What to do about a part of the cameras that is synchronised.
-const SYNCHRONISE: &str = "synchronise all cameras again, or move `pose-sync` away to take all as they are in `pose`, where they \
+/// Remedy if only some of the cameras are synchronised.
+const SYNCHRONISE: &str = "synchronise all cameras again, or move `pose-sync` away to use all of `pose`, if these cameras \
                            recorded in step";
 
-/// Every camera of every source.
+/// Lists every camera of every source.
 fn seen(sources: Vec<Source>) -> Result<Vec<Seen>, ImportError> {
     let mut all = Vec::new();
     for source in sources {
@@ -175,24 +176,25 @@ fn seen(sources: Vec<Source>) -> Result<Vec<Seen>, ImportError> {
         let cameras = source.parsed.detections.cameras;
         let count = cameras.len();
         let is_nth = |key: &CameraKey| matches!(key, CameraKey::Nth(_));
-        let said = &source.cameras;
-        let is_in_order = said.len() == 1 || cameras.keys().all(is_nth);
-        let is_as_said = said.len() == count && is_in_order;
-        if !(said.is_empty() || is_as_said) {
+        let assigned = &source.cameras;
+        let is_in_order = assigned.len() == 1 || cameras.keys().all(is_nth);
+        let is_as_assigned = assigned.len() == count && is_in_order;
+        if !(assigned.is_empty() || is_as_assigned) {
             return Err(ImportError::refused(format!(
-                "{from}: found {count} cameras in it, expected {} for `--camera {}=...`: import its folder instead, or, where \
-                 they have no names, say `--camera NAME={from}` once for each, in their order",
-                said.len(),
-                said.join("` and `")
+                "{from}: found {count} cameras in it, expected {} for `--camera {}=...`: import its folder instead, or, if \
+                 they have no names, give `--camera NAME={from}` once for each, in their order",
+                assigned.len(),
+                assigned.join("` and `")
             )));
         }
         for (nth, (key, frames)) in cameras.into_iter().enumerate() {
-            let (name, from) = match (said.get(nth), key) {
+            let (name, from) = match (assigned.get(nth), key) {
                 (Some(camera), _) => (Name::Certain(camera.clone()), from.clone()),
                 (None, CameraKey::OfFile) => (Name::Like(vec![source.name.clone()]), from.clone()),
                 (None, CameraKey::Named(name)) => {
                     let from = format!("{from}, {name}");
-                    // The only folder of pictures may be called `images`: then the file's name says it.
+                    // A single image folder may just be called `images`; then the file's name
+                    // counts.
                     let other = (count == 1).then(|| source.name.clone());
                     (Name::Like([name].into_iter().chain(other).collect()), from)
                 }
@@ -206,7 +208,7 @@ fn seen(sources: Vec<Source>) -> Result<Vec<Seen>, ImportError> {
     Ok(all)
 }
 
-/// The place in the calibration of each of `seen`.
+/// Index in the calibration of each of `seen`.
 fn places(
     seen: &[Seen],
     records: &[CameraRecord],
@@ -227,7 +229,7 @@ fn places(
         Likeness::Several | Likeness::None => None,
     };
     if let Some(all) = found.iter().map(place).collect::<Option<Vec<usize>>>() {
-        said(&found, &names, remarks);
+        report_name_matches(&found, &names, remarks);
         return Ok(all);
     }
     let is_none = |it: &Likeness<'_>| matches!(it, Likeness::None);
@@ -235,8 +237,8 @@ fn places(
         remarks.push(Remark::of_all(
             RemarkKind::Doubtful,
             format!(
-                "no name of a camera is like one of the keypoints': they were taken in their order, as Pose2Sim does: {}; \
-                 where that is wrong nobody will be found, or skeletons are wrong: say `--camera NAME=FOLDER`",
+                "no camera name resembles the names of the keypoints: they were assigned in order, as Pose2Sim does: {}; if \
+                 that is wrong, no people or wrong skeletons are found: assign them with `--camera NAME=FOLDER`",
                 pairs(seen, &names)
             ),
         ));
@@ -249,7 +251,7 @@ fn places(
         .map(|(seen, _)| seen.from.as_str())
         .collect();
     Err(ImportError::refused(format!(
-        "{} is of no camera, or may be of several\ncameras of the calibration: {}{}\nsay whose it is with `--camera \
+        "{} is of no camera, or may be of several\ncameras of the calibration: {}{}\nassign it with `--camera \
          NAME=FOLDER`",
         unknown.join(", "),
         names.join(", "),
@@ -257,9 +259,9 @@ fn places(
     )))
 }
 
-/// Which cameras of the calibration something may be of.
+/// The cameras of the calibration that a name may refer to.
 enum Likeness<'a> {
-    /// The place of the only one, and the name by which it was found.
+    /// Index of the only one, and the name that matched.
     One(usize, Option<&'a str>),
     Several,
     None,
@@ -286,10 +288,10 @@ fn likeness<'a>(seen: &'a Seen, names: &[&str]) -> Result<Likeness<'a>, ImportEr
             }
             Ok(found)
         }
-        // Of fewer nobody knows which is not there.
+        // With fewer cameras it is unknown which one is missing.
         Name::Nth(place, count) if *count == names.len() => Ok(Likeness::One(*place, None)),
         Name::Nth(_, count) => Err(ImportError::refused(format!(
-            "{}: its {count} cameras have no names, and the calibration has {}, expected as many: say whose each is with \
+            "{}: its {count} cameras have no names, and the calibration has {}, expected as many: assign them with \
              `--camera NAME=FILE`, once for each in the order of the file",
             seen.from,
             names.len()
@@ -297,7 +299,7 @@ fn likeness<'a>(seen: &'a Seen, names: &[&str]) -> Result<Likeness<'a>, ImportEr
     }
 }
 
-/// The only camera whose name stands in `name`, or in whose name it stands.
+/// The only camera whose name occurs in `name`, or contains it.
 fn like<'a>(name: &'a str, names: &[&str]) -> Likeness<'a> {
     let place = |camera: &str| match names.iter().position(|it| *it == camera) {
         Some(place) => Likeness::One(place, Some(name)),
@@ -318,14 +320,14 @@ fn like<'a>(name: &'a str, names: &[&str]) -> Likeness<'a> {
     }
 }
 
-/// Says which keypoints were taken for a camera of another name.
-fn said(found: &[Likeness<'_>], names: &[&str], remarks: &mut Vec<Remark>) {
+/// Reports keypoints that were assigned to a camera of another name.
+fn report_name_matches(found: &[Likeness<'_>], names: &[&str], remarks: &mut Vec<Remark>) {
     for found in found {
         if let Likeness::One(place, Some(name)) = found
             && let Some(camera) = names.get(*place)
             && name != camera
         {
-            let text = format!("`{name}` was taken for it, by the name");
+            let text = format!("`{name}` was assigned to it by name");
             remarks.push(Remark::of_camera(RemarkKind::Assumed, camera, text));
         }
     }

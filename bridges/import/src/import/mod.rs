@@ -1,17 +1,20 @@
-//! The one entry: a folder of another program in, a folder with a venue out, whole or not at all.
+//! Entry point: imports a folder of another program into a folder with a venue, completely or not
+//! at all.
 
 mod calibration;
 mod cameras;
 mod sources;
 
 use std::collections::BTreeSet;
+use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use farfield_calibration::formats::{Remark, RemarkKind};
 use farfield_proto::calibration::Calibration;
-use farfield_proto::toml_file::FileError;
+use farfield_proto::toml_file::{FileError, Place, TomlFile};
 use farfield_proto::venue::Venue;
+use toml::{Table, Value};
 
 use crate::assemble::{Assembled, CameraFrames, assemble, people_per_frame, write_lines};
 use crate::error::ImportError;
@@ -19,45 +22,46 @@ use crate::files::{self, NewFolder};
 use crate::formats::{Format, ParseOptions};
 use crate::keypoints::{Mapping, Model};
 use crate::report::{CameraReport, Report};
-use crate::settings::Settings;
-use crate::venue_text::{VenueCamera, key_chunk, venue_text};
 
 use self::calibration::FoundCalibration;
 use self::sources::Source;
 
-/// What an import makes, in its folder.
+/// Files that an import writes, relative to its folder.
 const VENUE: &str = "venue.toml";
 const CALIBRATION: &str = "calibration.toml";
 const KEYPOINTS: &str = "keypoints";
-/// Where it goes, in the folder that is imported.
+/// Name of the default output folder, inside the imported folder.
 const FOLDER: &str = "farfield";
-/// Pose2Sim's settings, and in how many levels above a trial it keeps those of a session and of a participant.
+/// Pose2Sim's settings file, and the number of levels above a trial that may hold one: participant
+/// and session.
 const SETTINGS: &str = "Config.toml";
 const LEVELS_OF_SETTINGS: usize = 2;
 
-/// What is asked for. All but the folder may be left to what the files say.
+/// Options of an import. Everything but the folder may be left to the files.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ImportRequest {
-    /// The folder of the other program.
+    /// Folder of the other program.
     pub folder: PathBuf,
-    /// The files of the calibration; none: searched for in the folder.
+    /// Files of the calibration; if empty, the folder is searched.
     pub calibration: Vec<PathBuf>,
     /// Frames per second.
     pub rate_hz: Option<f64>,
-    /// Whose keypoints they are.
+    /// Format of the keypoint files.
     pub format: Option<Format>,
-    /// Which keypoints they are.
+    /// Keypoint model.
     pub model: Option<Model>,
-    /// Cameras by the calibration's names, each with the file or folder of its keypoints; none: looked for in the folder.
+    /// Camera names of the calibration, each with the file or folder of its keypoints; if empty,
+    /// the folder is searched.
     pub cameras: Vec<(String, PathBuf)>,
-    /// The folder that is made; `None`: `farfield` in the folder.
+    /// Output folder; `None` for `farfield` inside the imported folder.
     pub out: Option<PathBuf>,
 }
 
 /// Imports a folder.
 ///
 /// # Errors
-/// [`ImportError`] saying which file, or what is missing and how to say it; nothing is left behind then.
+/// [`ImportError`] that names the file, or what is missing and how to give it. Nothing is left
+/// behind.
 pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
     if !files::is_folder(&request.folder) {
         let text = format!("{}: expected a folder", request.folder.display());
@@ -67,7 +71,7 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
         .out
         .clone()
         .unwrap_or_else(|| request.folder.join(FOLDER));
-    // Before hours of reading.
+    // Fail before reading for hours.
     drop(NewFolder::create(&out)?);
     let settings = settings(&request.folder)?;
     let rate_hz = rate_hz(request, settings)?;
@@ -90,8 +94,8 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
     for Source { parsed, .. } in &sources {
         let notes = parsed.notes.iter();
         remarks.extend(notes.map(|note| Remark::of_all(RemarkKind::Assumed, note)));
-        let doubts = parsed.doubts.iter();
-        remarks.extend(doubts.map(|doubt| Remark::of_all(RemarkKind::Doubtful, doubt)));
+        let warnings = parsed.warnings.iter();
+        remarks.extend(warnings.map(|warning| Remark::of_all(RemarkKind::Doubtful, warning)));
     }
     let mappings: Vec<Mapping> = sources
         .iter()
@@ -125,7 +129,7 @@ pub fn import(request: &ImportRequest) -> Result<Report, ImportError> {
     ))
 }
 
-/// What Pose2Sim's settings in a folder say.
+/// Reads Pose2Sim's settings in a folder.
 fn settings(folder: &Path) -> Result<Settings, ImportError> {
     let path = folder.join(SETTINGS);
     if files::is_file(&path) {
@@ -134,7 +138,8 @@ fn settings(folder: &Path) -> Result<Settings, ImportError> {
     Ok(Settings::default())
 }
 
-/// Which options would say what Pose2Sim's settings in the two levels above a folder say: these are not taken unasked.
+/// Options that match Pose2Sim's settings in the two levels above a folder. Those settings are only
+/// suggested, never applied.
 fn settings_above(folder: &Path) -> Option<String> {
     let full = files::full(folder).ok()?;
     let mut above = full.ancestors().skip(1).take(LEVELS_OF_SETTINGS);
@@ -148,17 +153,18 @@ fn settings_above(folder: &Path) -> Option<String> {
             .map(|model| format!("`--keypoints {}`", model.name()));
         let options: Vec<String> = rate.into_iter().chain(model).collect();
         let path = level.join(SETTINGS);
-        (!options.is_empty()).then(|| format!("{} says {}", path.display(), options.join(" ")))
+        (!options.is_empty())
+            .then(|| format!("{} corresponds to {}", path.display(), options.join(" ")))
     })
 }
 
 fn rate_hz(request: &ImportRequest, settings: Settings) -> Result<f64, ImportError> {
     let rate_hz = request.rate_hz.or(settings.rate_hz).ok_or_else(|| {
         let above = settings_above(&request.folder);
-        let above = above.map_or_else(String::new, |it| format!("; outside of it {it}, which is not taken unasked"));
+        let above = above.map_or_else(String::new, |it| format!("; {it}, but lies outside the folder and is not used by default"));
         ImportError::refused(format!(
-            "keypoints do not say how many frames per second they have, and no `frame_rate` in a Config.toml of the folder \
-             does: say so with `--rate HZ`{above}"
+            "the files do not give the frames per second, and neither does a `frame_rate` in a Config.toml of the folder: \
+             set it with `--rate HZ`{above}"
         ))
     })?;
     if rate_hz.is_finite() && rate_hz > 0.0 {
@@ -169,7 +175,7 @@ fn rate_hz(request: &ImportRequest, settings: Settings) -> Result<f64, ImportErr
     }
 }
 
-/// What a folder is called.
+/// Name of a folder.
 fn name_of(folder: &Path) -> String {
     let full = files::full(folder).unwrap_or_else(|_| folder.to_owned());
     full.file_name()
@@ -178,38 +184,38 @@ fn name_of(folder: &Path) -> String {
         .into_owned()
 }
 
-/// The keypoint file of every camera, relative to the venue file.
+/// Path of the keypoint file of every camera, relative to the venue file.
 fn keypoint_files(cameras: &[CameraFrames]) -> Result<Vec<String>, ImportError> {
     let mut seen = BTreeSet::new();
     cameras
         .iter()
         .map(|camera| {
             let file = format!("{KEYPOINTS}/{}.jsonl", key_chunk(&camera.name));
-            // Some disks take capitals for small letters.
+            // Some file systems ignore case.
             if seen.insert(file.to_lowercase()) {
                 Ok(file)
             } else {
                 Err(ImportError::refused(format!(
-                    "two cameras would be written to `{file}`, expected names that differ in more than signs and capitals"
+                    "two cameras would be written to `{file}`, expected names that differ in more than punctuation and case"
                 )))
             }
         })
         .collect()
 }
 
-/// All that is written.
+/// Everything that is written.
 struct Folder {
     name: String,
     rate_hz: f64,
     calibration: String,
     cameras: Vec<CameraFrames>,
-    /// The keypoint file of each camera.
+    /// Path of the keypoint file of each camera.
     files: Vec<String>,
     assembled: Assembled,
 }
 
 impl Folder {
-    /// Writes it, when all of it is known to be one that a run can read.
+    /// Writes the folder after checking that a run can read it.
     fn write(&self, out: &Path) -> Result<(), ImportError> {
         let cameras: Vec<VenueCamera<'_>> = self
             .cameras
@@ -222,7 +228,7 @@ impl Folder {
             .collect();
         let venue = venue_text(&self.name, self.rate_hz, CALIBRATION, &cameras);
         let unusable = |error: FileError| {
-            ImportError::refused(format!("no run can use what would be written: {error}"))
+            ImportError::refused(format!("the imported venue would be unusable: {error}"))
         };
         let calibration = Calibration::parse(&self.calibration, Path::new(CALIBRATION));
         let calibration = calibration.map_err(unusable)?;
@@ -297,8 +303,112 @@ fn report(
     }
 }
 
+/// The settings; absent and `'auto'` values are `None`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Settings {
+    /// Frames per second, above 0.
+    rate_hz: Option<f64>,
+    /// The keypoint model of the files.
+    model: Option<Model>,
+}
+
+impl Settings {
+    /// Parses `Config.toml`; `path` is for error messages only.
+    ///
+    /// # Errors
+    /// [`FileError`] if the text is not TOML, or the rate is neither a number above 0 nor a word.
+    fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
+        let file = TomlFile::parse(text, path)?;
+        let root: Table = file.read()?;
+        let get = |table: &str, key: &str| root.get(table).and_then(|it| it.get(key));
+        let rate_hz = match get("project", "frame_rate") {
+            None | Some(Value::String(_)) => None,
+            Some(value) => {
+                let number = value.as_float().or(value.as_integer().map(|it| it as f64));
+                let rate = number.filter(|it| it.is_finite() && *it > 0.0);
+                Some(rate.ok_or_else(|| {
+                    file.error(
+                        &Place::field("project").key("frame_rate"),
+                        format!("found {value}, expected frames per second or 'auto'"),
+                    )
+                })?)
+            }
+        };
+        let model = get("pose", "pose_model").and_then(Value::as_str);
+        Ok(Self {
+            rate_hz,
+            model: model.and_then(Model::from_name),
+        })
+    }
+}
+
+/// A camera of the venue.
+struct VenueCamera<'a> {
+    /// Name in the calibration.
+    name: &'a str,
+    /// Path of its keypoint file, relative to the venue file.
+    keypoints: &'a str,
+}
+
+/// The venue file; every camera becomes a viewpoint.
+fn venue_text(name: &str, rate_hz: f64, calibration: &str, cameras: &[VenueCamera<'_>]) -> String {
+    let mut text = String::from(
+        "# A venue of keypoints, made by `farfield import`. All options: deploy/venue.sample.toml, `farfield parameters`.\n",
+    );
+    for (left, comment) in [
+        (
+            format!("name = {}", quoted(name)),
+            "first part of every Zenoh key",
+        ),
+        (
+            format!("rate_hz = {rate_hz:?}"),
+            "ticks per second, the same for all cameras",
+        ),
+        (
+            format!("calibration = {}", quoted(calibration)),
+            "where the cameras stand: metres, z up",
+        ),
+    ] {
+        // Writing to a string cannot fail.
+        writeln!(text, "{left:<48} # {comment}").ok();
+    }
+    for camera in cameras {
+        writeln!(
+            text,
+            "\n[[viewpoint]]\nname = {}\n[[viewpoint.camera]]\nname = {}\nsource = {{ kind = \"keypoints\", path = {} }}",
+            quoted(&key_chunk(camera.name)),
+            quoted(camera.name),
+            quoted(camera.keypoints)
+        )
+        .ok();
+    }
+    text
+}
+
+/// Converts a name to a valid part of Zenoh keys and file names.
+fn key_chunk(name: &str) -> String {
+    let letter = |c: char| {
+        if c.is_ascii_alphanumeric() || "-_.".contains(c) {
+            c
+        } else {
+            '-'
+        }
+    };
+    let name: String = name.chars().take(64).map(letter).collect();
+    if name.trim_matches('.').is_empty() {
+        "venue".to_owned()
+    } else {
+        name
+    }
+}
+
+/// Quotes a text for TOML.
+fn quoted(text: &str) -> String {
+    Value::from(text).to_string()
+}
+
 #[cfg(test)]
-mod found_calibrations;
+mod calibration_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The keypoints of an import: which files are one source, and what they say.
+//! Finds and reads the keypoint sources of an import.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -10,32 +10,32 @@ use crate::error::ImportError;
 use crate::files;
 use crate::folder::{self, Candidates};
 use crate::formats::{Format, ParseOptions, Parsed, Reading, max_bytes, recognised};
-use crate::frame_number;
 use crate::matching::named_by;
 
-/// So much of a table says whose it is, bytes.
+/// Bytes read to recognise the format of a table.
 const HEAD: u64 = 1 << 16;
 
-/// The files of one source, read.
+/// The parsed files of one source.
 #[derive(Debug)]
 pub(super) struct Source {
-    /// What names its camera, where it is of one.
+    /// Name that identifies its camera, if it holds only one.
     pub(super) name: String,
-    /// The cameras that the user has said it is of, in its order.
+    /// Cameras that the user assigned to it, in its order.
     pub(super) cameras: Vec<String>,
     /// The file or folder, for reports.
     pub(super) from: PathBuf,
     pub(super) parsed: Parsed,
 }
 
-/// What is at the places that were named, each of one camera, or of several where it was named several times.
+/// Reads the given files and folders. Each holds one camera, or several if it is given several
+/// times.
 pub(super) fn named(
     cameras: &[(String, PathBuf)],
     options: ParseOptions,
 ) -> Result<Vec<Source>, ImportError> {
     let mut places: Vec<(&PathBuf, Vec<String>)> = Vec::new();
     for (camera, path) in cameras {
-        match places.iter_mut().find(|(of, _)| *of == path) {
+        match places.iter_mut().find(|(known, _)| *known == path) {
             Some((_, cameras)) => cameras.push(camera.clone()),
             None => places.push((path, vec![camera.clone()])),
         }
@@ -63,8 +63,8 @@ pub(super) fn named(
     Ok(sources.read)
 }
 
-/// What is in a folder; `cameras` are the names that the calibration has. With it comes what Pose2Sim has of cameras that it
-/// has not synchronised.
+/// Reads the sources of a folder. `cameras` are the names in the calibration. Also returns
+/// Pose2Sim's keypoints of cameras that it has not synchronised.
 pub(super) fn found(
     place: &Path,
     listed: &[PathBuf],
@@ -76,25 +76,25 @@ pub(super) fn found(
     let mut sources = Sources::new(options);
     sources.fill(Trust::Content, &candidates)?;
     if let (true, Some(_)) = (sources.read.is_empty(), options.format) {
-        // The reader of the format that was asked for says what is wrong.
-        sources.fill(Trust::Word, &candidates)?;
+        // The reader of the requested format reports what is wrong.
+        sources.fill(Trust::Request, &candidates)?;
     }
     let is_json = |source: &Source| folder::ending(&source.from) == "json";
     let has_such = sources.read.iter().any(is_json);
     let mut not_read = String::new();
     for (path, error) in sources.broken {
-        // A camera's file that was cut off must not look like a camera without keypoints.
+        // A camera's truncated file must not look like a camera without keypoints.
         if has_such || is_named_after_one(&path, place, cameras) {
             return Err(error.into());
         }
         not_read = format!("; not read: {error}");
-        let text = format!("{error}: it was taken for no keypoints, and left out");
+        let text = format!("{error}: assumed not to be keypoints, and skipped");
         remarks.push(Remark::of_all(RemarkKind::Doubtful, text));
     }
     if sources.read.is_empty() {
         let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
         return Err(ImportError::refused(format!(
-            "found no 2D keypoints in {}, expected one of {}; say where they are with `--camera NAME=FOLDER`{not_read}",
+            "found no 2D keypoints in {}, expected one of {}; give their place with `--camera NAME=FOLDER`{not_read}",
             place.display(),
             names.join(", ")
         )));
@@ -102,7 +102,7 @@ pub(super) fn found(
     Ok((sources.read, candidates.unsynchronised))
 }
 
-/// Whether a file, or the folder in `place` that it lies in, is called like one of `cameras`.
+/// Whether a file, or its parent folder inside `place`, is named like one of `cameras`.
 fn is_named_after_one(path: &Path, place: &Path, cameras: &[&str]) -> bool {
     let is_like = |name: String| {
         let stands_in = |camera: &&str| !named_by(&[&name], camera).is_empty();
@@ -113,22 +113,22 @@ fn is_named_after_one(path: &Path, place: &Path, cameras: &[&str]) -> bool {
         || parent.is_some_and(|it| is_like(folder::camera_name(it, true)))
 }
 
-/// Why a file is taken for keypoints.
+/// Why a file is read as keypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Trust {
-    /// It looks like them.
+    /// Its content looks like keypoints.
     Content,
-    /// The user has said whose they are.
-    Word,
+    /// The user gave the format.
+    Request,
 }
 
-/// The sources of one import, as they are read.
+/// The sources of one import while they are read.
 struct Sources {
     options: ParseOptions,
     read: Vec<Source>,
-    /// JSON files that cannot be read, of which nobody knows whose they are.
+    /// JSON files that cannot be read; their format is unknown.
     broken: Vec<(PathBuf, FileError)>,
-    /// People of all that was read.
+    /// Number of people read so far.
     n_people: usize,
 }
 
@@ -142,10 +142,10 @@ impl Sources {
         }
     }
 
-    /// Reads what of `candidates` is keypoints.
+    /// Reads those of `candidates` that are keypoints.
     fn fill(&mut self, trust: Trust, candidates: &Candidates) -> Result<(), ImportError> {
         for (parent, paths) in &candidates.json {
-            if let Some(format) = self.a_file_per_frame(paths, trust)? {
+            if let Some(format) = self.per_frame_format(paths, trust)? {
                 let name = folder::camera_name(parent, true);
                 self.add(paths, parent, name, Vec::new(), Some(format))?;
                 continue;
@@ -162,14 +162,16 @@ impl Sources {
         Ok(())
     }
 
-    /// Reads a file that is of the format that was asked for, or of any.
+    /// Reads a file if it has the requested format, or any format if none was requested.
     fn add_if_one(&mut self, bytes: &[u8], path: &Path, trust: Trust) -> Result<(), ImportError> {
-        let asked = self.options.format;
-        let is_one = if trust == Trust::Word {
-            asked.map(Format::ending) == Some(folder::ending(path).as_str())
+        let requested = self.options.format;
+        let is_one = if trust == Trust::Request {
+            requested.map(Format::ending) == Some(folder::ending(path).as_str())
         } else {
             match recognised(bytes, path) {
-                Ok(found) => found.is_some_and(|it| asked.is_none_or(|asked| asked == it)),
+                Ok(found) => {
+                    found.is_some_and(|it| requested.is_none_or(|requested| requested == it))
+                }
                 Err(error) => {
                     self.broken.push((path.to_owned(), error));
                     false
@@ -178,22 +180,22 @@ impl Sources {
         };
         if is_one {
             let name = folder::camera_name(path, false);
-            self.add(&[path.to_owned()], path, name, Vec::new(), asked)?;
+            self.add(&[path.to_owned()], path, name, Vec::new(), requested)?;
         }
         Ok(())
     }
 
-    /// The format of `paths` that are a frame each; `None` where they are not.
-    fn a_file_per_frame(
+    /// The format of `paths` if each file holds one frame.
+    fn per_frame_format(
         &self,
         paths: &[PathBuf],
         trust: Trust,
     ) -> Result<Option<Format>, ImportError> {
-        if trust == Trust::Word {
+        if trust == Trust::Request {
             return Ok(self.options.format.filter(|it| *it == Format::OpenPose));
         }
-        let told = first_told(paths, self.options.format)?;
-        Ok(told.and_then(|(format, bytes)| match format {
+        let first = first_recognised(paths, self.options.format)?;
+        Ok(first.and_then(|(format, bytes)| match format {
             Format::OpenPose => Some(format),
             Format::MmPose if !has_frames(&bytes) => Some(format),
             _ => None,
@@ -225,16 +227,17 @@ impl Sources {
     }
 }
 
-/// The first of `paths` that says whose it is: not what is broken, not another program's, not an empty list.
-fn first_told(
+/// The first of `paths` with a recognised format; skips broken files, files of other programs, and
+/// empty lists.
+fn first_recognised(
     paths: &[PathBuf],
-    asked: Option<Format>,
+    requested: Option<Format>,
 ) -> Result<Option<(Format, Vec<u8>)>, ImportError> {
     for path in paths {
         let bytes = files::read(path, max_bytes(path))?;
-        // What is broken among files of a frame each is told of when these are read.
+        // Broken files among files of one frame each are reported when all are read.
         if let Ok(Some(format)) = recognised(&bytes, path)
-            && asked.is_none_or(|asked| asked == format)
+            && requested.is_none_or(|requested| requested == format)
         {
             return Ok(Some((format, bytes)));
         }
@@ -242,7 +245,7 @@ fn first_told(
     Ok(None)
 }
 
-/// Whether a file of `MMPose` says its frames.
+/// Whether an `MMPose` file contains frame numbers.
 fn has_frames(bytes: &[u8]) -> bool {
     bytes
         .windows(b"\"frame_id\"".len())
@@ -257,7 +260,7 @@ fn read(
 ) -> Result<Parsed, ImportError> {
     let are_many = paths.len() > 1;
     if are_many && options.format.is_none() {
-        options.format = first_told(paths, None)?.map(|(format, _)| format);
+        options.format = first_recognised(paths, None)?.map(|(format, _)| format);
     }
     let mut reading = Reading::after(options, n_people);
     let mut strays = Vec::new();
@@ -274,15 +277,16 @@ fn read(
     let parsed = reading.finish().filter(|_| strays.len() < paths.len());
     let mut parsed = parsed.ok_or_else(|| FileError::new(from, "found no keypoints in it"))?;
     for path in strays {
-        let text = format!("{}: no keypoints, left out", path.display());
-        parsed.doubts.insert(text);
+        let text = format!("{}: no keypoints, skipped", path.display());
+        parsed.warnings.insert(text);
     }
     Ok(parsed)
 }
 
-/// Whether a file is whole, of no format, and named after no frame: settings, say, beside the frames.
+/// Whether a file is valid JSON of no known format and without a frame number in its name, such as
+/// settings.
 fn is_stray(bytes: &[u8], path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let is_json = matches!(bytes.trim_ascii_start().first(), Some(b'{' | b'['));
-    is_json && frame_number::of_name(&name).is_none() && matches!(recognised(bytes, path), Ok(None))
+    is_json && folder::frame_of_name(&name).is_none() && matches!(recognised(bytes, path), Ok(None))
 }

@@ -1,4 +1,5 @@
-//! Folders of other programs, imported: small ones made here, and a real recording written in their formats.
+//! Tests: imports of small folders made here, and of a real recording written in other programs'
+//! formats.
 
 use std::collections::BTreeMap;
 use std::env;
@@ -8,18 +9,19 @@ use std::path::{Path, PathBuf};
 use farfield_calibration::formats::Remark;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::keypoints::COCO17;
+use farfield_proto::toml_file::FileError;
 use farfield_proto::venue::Venue;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use super::{ImportRequest, import};
+use super::{ImportRequest, Settings, import, key_chunk};
 use crate::error::ImportError;
 use crate::formats::{Format, writers as write};
 use crate::keypoints::Model;
 use crate::person::{Candidate, Frames, Person};
 use crate::report::Report;
 
-/// Two cameras, ours.
+/// Two cameras in our format.
 pub(super) const TWO_CAMERAS: &str = r#"
 [int_cam01_img]
 name = "int_cam01_img"
@@ -37,7 +39,7 @@ rotation = [1.5707963267948966, 0.0, 0.0]
 translation = [0.0, 1.5, 4.0]
 "#;
 
-/// Somebody who stands in a picture of 640 x 480, `x_px` from its left edge.
+/// A person who stands in an image of 640 x 480, `x_px` from its left edge.
 fn standing(x_px: f64) -> Person {
     std::array::from_fn(|i| {
         Some(Candidate {
@@ -59,7 +61,7 @@ pub(super) fn write(path: &Path, bytes: &[u8]) {
     fs::write(path, bytes).unwrap();
 }
 
-/// A folder as Pose2Sim has it, of `cameras` with their frames.
+/// A folder as Pose2Sim writes it.
 pub(super) fn pose2sim(cameras: &[(&str, &Frames)], calibration: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
@@ -87,7 +89,7 @@ pub(super) fn request(folder: &Path) -> ImportRequest {
     }
 }
 
-/// The people that a keypoint file of ours has, by tick.
+/// The people of one of our keypoint files, by tick.
 pub(super) fn people_of(path: &Path) -> Frames {
     let text = fs::read_to_string(path).unwrap();
     let mut frames = Frames::new();
@@ -110,7 +112,7 @@ pub(super) fn people_of(path: &Path) -> Frames {
     frames
 }
 
-/// That a venue can be read, with its calibration.
+/// Reads the imported venue with its calibration.
 fn venue(report: &Report) -> Venue {
     let text = fs::read_to_string(&report.venue).unwrap();
     let calibration = report.venue.with_file_name("calibration.toml");
@@ -119,7 +121,7 @@ fn venue(report: &Report) -> Venue {
     Venue::parse(&text, &report.venue, calibration).unwrap()
 }
 
-pub(super) fn said(report: &Report) -> String {
+pub(super) fn remarks_text(report: &Report) -> String {
     let text = |it: &Remark| format!("{} {it:?}", it.kind.name());
     let texts: Vec<String> = report.remarks.iter().map(text).collect();
     texts.join("\n")
@@ -151,23 +153,23 @@ fn a_pose2sim_folder_needs_no_option() {
         people_of(&folder.path().join("farfield/keypoints/int_cam02_img.jsonl")),
         b
     );
-    // What is there is not written over, and an import is no recording.
+    // An existing output folder is not overwritten, and it is not read as a recording.
     let again = import(&request(folder.path())).unwrap_err().to_string();
     assert!(again.contains("is there already"), "{again}");
 }
 
 #[test]
-fn cameras_with_other_frames_are_put_side_by_side_by_their_numbers() {
+fn cameras_are_aligned_by_frame_number() {
     let (a, mut b) = (frames(10..30), frames(12..30));
     b.remove(&20);
     let folder = pose2sim(&[("cam01", &a), ("cam02", &b)], TWO_CAMERAS);
     let report = import(&request(folder.path())).unwrap();
     assert_eq!((report.first_frame, report.frames), (10, 20));
     assert_eq!(report.cameras[1].missing_frames, 3);
-    let said = said(&report);
+    let text = remarks_text(&report);
     assert!(
-        said.contains("the first frame is 10") && said.contains("from 12 to 29"),
-        "{said}"
+        text.contains("the first frame is 10") && text.contains("from 12 to 29"),
+        "{text}"
     );
     let found = people_of(&report.cameras[1].keypoints);
     assert_eq!(found.len(), 20);
@@ -175,7 +177,7 @@ fn cameras_with_other_frames_are_put_side_by_side_by_their_numbers() {
 }
 
 #[test]
-fn a_rate_that_nobody_says_is_asked_for_and_nothing_is_left_behind() {
+fn a_missing_frame_rate_is_refused_and_nothing_is_left_behind() {
     let folder = pose2sim(
         &[("cam01", &frames(0..20)), ("cam02", &frames(0..20))],
         TWO_CAMERAS,
@@ -184,15 +186,15 @@ fn a_rate_that_nobody_says_is_asked_for_and_nothing_is_left_behind() {
     let refused = import(&request(folder.path())).unwrap_err().to_string();
     assert!(refused.contains("--rate HZ"), "{refused}");
     assert!(!folder.path().join("farfield").exists());
-    let asked = ImportRequest {
+    let requested = ImportRequest {
         rate_hz: Some(60.0),
         ..request(folder.path())
     };
-    assert!((import(&asked).unwrap().rate_hz - 60.0).abs() < 1e-12);
+    assert!((import(&requested).unwrap().rate_hz - 60.0).abs() < 1e-12);
 }
 
 #[test]
-fn keypoints_of_no_camera_are_refused_until_somebody_says_whose_they_are() {
+fn keypoints_of_no_camera_need_explicit_assignment() {
     let folder = pose2sim(
         &[("cam01", &frames(0..20)), ("west", &frames(0..20))],
         TWO_CAMERAS,
@@ -200,7 +202,7 @@ fn keypoints_of_no_camera_are_refused_until_somebody_says_whose_they_are() {
     let refused = import(&request(folder.path())).unwrap_err().to_string();
     assert!(refused.contains("west_json is of no camera"), "{refused}");
     let at = |name: &str| folder.path().join(format!("pose/{name}_json"));
-    let asked = ImportRequest {
+    let requested = ImportRequest {
         cameras: vec![
             ("int_cam02_img".to_owned(), at("west")),
             ("int_cam01_img".to_owned(), at("cam01")),
@@ -208,7 +210,7 @@ fn keypoints_of_no_camera_are_refused_until_somebody_says_whose_they_are() {
         ..request(folder.path())
     };
     assert!(
-        import(&asked).unwrap().cameras[1]
+        import(&requested).unwrap().cameras[1]
             .source
             .ends_with("west_json")
     );
@@ -225,18 +227,18 @@ fn keypoints_of_no_camera_are_refused_until_somebody_says_whose_they_are() {
 }
 
 #[test]
-fn cameras_without_a_name_in_common_are_taken_in_order_and_doubted() {
+fn cameras_without_matching_names_are_assigned_in_order_with_a_warning() {
     let folder = pose2sim(
         &[("east", &frames(0..20)), ("west", &frames(0..20))],
         TWO_CAMERAS,
     );
     let report = import(&request(folder.path())).unwrap();
     assert!(report.cameras[0].source.ends_with("east_json"));
-    assert!(said(&report).contains("in their order, as Pose2Sim does"));
+    assert!(remarks_text(&report).contains("in order, as Pose2Sim does"));
 }
 
 #[test]
-fn a_broken_file_among_many_is_named() {
+fn a_broken_file_among_many_is_reported() {
     let folder = pose2sim(
         &[("cam01", &frames(0..20)), ("cam02", &frames(0..20))],
         TWO_CAMERAS,
@@ -254,16 +256,16 @@ fn a_broken_file_among_many_is_named() {
 }
 
 #[test]
-fn a_format_that_was_asked_for_says_what_is_wrong_with_files_that_look_like_none() {
+fn a_requested_format_reports_why_a_file_is_invalid() {
     let folder = pose2sim(&[], TWO_CAMERAS);
     write(&folder.path().join("cam01.csv"), b"frame,nose.x\n1,2\n");
     let refused = import(&request(folder.path())).unwrap_err().to_string();
     assert!(refused.contains("found no 2D keypoints"), "{refused}");
-    let asked = ImportRequest {
+    let requested = ImportRequest {
         format: Some(Format::Sleap),
         ..request(folder.path())
     };
-    let refused = import(&asked).unwrap_err().to_string();
+    let refused = import(&requested).unwrap_err().to_string();
     assert!(
         refused.contains("cam01.csv:1") && refused.contains("frame_idx"),
         "{refused}"
@@ -271,7 +273,7 @@ fn a_format_that_was_asked_for_says_what_is_wrong_with_files_that_look_like_none
 }
 
 #[test]
-fn caliscopes_and_freemocaps_folders_are_read_with_their_calibrations() {
+fn caliscope_and_freemocap_folders_are_read_with_their_calibrations() {
     let (a, b) = (frames(0..20), frames(0..20));
     let cameras = farfield_calibration::formats::import(
         &[farfield_calibration::formats::TextFile {
@@ -306,7 +308,11 @@ fn caliscopes_and_freemocaps_folders_are_read_with_their_calibrations() {
         ("caliscope", "caliscope")
     );
     assert_eq!(venue(&report).cameras.len(), 2);
-    assert!(said(&report).contains("no scores"), "{}", said(&report));
+    assert!(
+        remarks_text(&report).contains("no scores"),
+        "{}",
+        remarks_text(&report)
+    );
 
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
@@ -322,7 +328,7 @@ fn caliscopes_and_freemocaps_folders_are_read_with_their_calibrations() {
     .unwrap();
     assert_eq!(report.format, "freemocap");
     assert_eq!(venue(&report).cameras.len(), 2);
-    assert!(said(&report).contains("in the order of the calibration"));
+    assert!(remarks_text(&report).contains("in the order of the calibration"));
     let pixels = |frames: &Frames| -> Vec<(f64, f64)> {
         let points = frames.values().flatten().flatten().flatten();
         points.map(|it| (it.x_px, it.y_px)).collect()
@@ -330,10 +336,10 @@ fn caliscopes_and_freemocaps_folders_are_read_with_their_calibrations() {
     assert_eq!(pixels(&people_of(&report.cameras[0].keypoints)), pixels(&a));
 }
 
-/// The folder of the Shelf recording; `None`, and said, where it is not there.
+/// The folder of the Shelf recording; `None` with a message if it is absent.
 fn shelf() -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    let root = env::var_os("FARFIELD_DATA").map_or(beside, PathBuf::from);
+    let default_root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
+    let root = env::var_os("FARFIELD_DATA").map_or(default_root, PathBuf::from);
     let folder = root.join("data/shelf");
     if folder.join("cam0.jsonl").is_file() {
         return Some(folder);
@@ -345,8 +351,8 @@ fn shelf() -> Option<PathBuf> {
     None
 }
 
-/// What a run takes from a keypoint file: everybody of whom something was found, with scores up to 1, which `OpenPose`
-/// overshoots at three keypoints of this recording.
+/// What a run reads from a keypoint file: people with at least one keypoint, and scores clamped to
+/// 1. `OpenPose` exceeds 1 at three keypoints of this recording.
 fn people_found(path: &Path) -> Frames {
     let mut frames = people_of(path);
     for people in frames.values_mut() {
@@ -359,7 +365,7 @@ fn people_found(path: &Path) -> Frames {
 }
 
 #[test]
-fn the_shelf_in_three_formats_is_the_shelf_by_hand() {
+fn shelf_imported_from_three_formats_equals_the_reference() {
     let Some(shelf) = shelf() else { return };
     let by_hand: BTreeMap<String, Frames> = (0..5)
         .map(|i| {
@@ -379,11 +385,11 @@ fn the_shelf_in_three_formats_is_the_shelf_by_hand() {
         for (camera, frames) in &by_hand {
             fill(folder.path(), camera, frames);
         }
-        let asked = ImportRequest {
+        let requested = ImportRequest {
             rate_hz: Some(20.0),
             ..request(folder.path())
         };
-        let report = import(&asked).unwrap();
+        let report = import(&requested).unwrap();
         println!("{format}: {report:#?}");
         assert_eq!(report.format, format);
         assert_eq!((report.first_frame, report.frames), (300, 301));
@@ -421,4 +427,44 @@ fn the_shelf_in_three_formats_is_the_shelf_by_hand() {
         let name = format!("{camera}/alphapose-results.json");
         write(&folder.join(name), write::alphapose(frames).as_bytes());
     });
+}
+
+fn parse_settings(text: &str) -> Result<Settings, FileError> {
+    Settings::parse(text, Path::new("Config.toml"))
+}
+
+#[test]
+fn rate_and_model_are_read_and_auto_is_ignored() {
+    let settings =
+        parse_settings("[project]\nframe_rate = 60\n[pose]\npose_model = 'Body_with_feet'\n");
+    let expected = Settings {
+        rate_hz: Some(60.0),
+        model: Some(Model::Halpe26),
+    };
+    assert_eq!(settings, Ok(expected));
+    let settings = parse_settings("[project]\nframe_rate = 'auto'\n");
+    assert_eq!(settings, Ok(Settings::default()));
+}
+
+#[test]
+fn an_invalid_rate_is_refused_with_its_line() {
+    let message = parse_settings("[project]\nframe_rate = -3\n")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("Config.toml:2") && message.contains("frame_rate"),
+        "{message}"
+    );
+}
+
+#[test]
+fn names_become_valid_key_chunks() {
+    for (name, chunk) in [
+        ("cam 1/é", "cam-1--"),
+        ("", "venue"),
+        ("..", "venue"),
+        ("a.b", "a.b"),
+    ] {
+        assert_eq!(key_chunk(name), chunk);
+    }
 }

@@ -1,39 +1,37 @@
-//! Which keypoint of another program is which of ours: by the model's name, by how many there are, or by their names.
+//! Maps keypoints of other programs to COCO's: by model name, by count, or by keypoint names.
 //!
-//! A keypoint file of ours has the 17 of COCO. What a model has beyond these (feet, hands, faces, necks) is left out, and
-//! said.
+//! Our keypoint files hold COCO's 17. Other keypoints of a model (feet, hands, faces, necks) are
+//! dropped and reported.
 
 mod models;
-mod names;
 
 use farfield_proto::keypoints::COCO17;
 
 use crate::person::{Candidate, Person};
 
 pub use self::models::Model;
-pub use self::names::coco_name;
 
-/// Most keypoints that one person may have in a file: the largest sets have a few hundred.
+/// Maximum number of keypoints per person in a file; the largest models have a few hundred.
 pub(crate) const MAX_KEYPOINTS: usize = 4096;
 
-/// Where in a person of a file our keypoints stand.
+/// Index of each COCO keypoint among the keypoints of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mapping {
-    /// What it is called in reports: a model's name, or that the file names its keypoints.
+    /// Name in reports: a model, or a note that the file names its keypoints.
     pub name: String,
-    /// Keypoints of one person in the file.
+    /// Number of keypoints of one person in the file.
     pub count: usize,
-    /// The place of each of [`COCO17`] in the file.
+    /// Index in the file of each of [`COCO17`].
     pub places: [Option<usize>; COCO17.len()],
-    /// What else the file has, in words.
+    /// Descriptions of the other keypoints.
     pub left_out: Vec<String>,
 }
 
 impl Mapping {
-    /// The mapping of names that a file gives its keypoints.
+    /// Maps the keypoint names of a file.
     ///
     /// # Errors
-    /// When none of the names is one of ours, or two are the same one.
+    /// If no name is a COCO keypoint, or two names are the same one.
     pub fn of_names(names: &[String]) -> Result<Self, String> {
         let mut places = [None; COCO17.len()];
         let mut left_out = Vec::new();
@@ -66,10 +64,10 @@ impl Mapping {
         })
     }
 
-    /// The person of which `candidate` gives each keypoint by its place in the file.
+    /// Builds a person; `candidate` returns the keypoint at an index in the file.
     ///
     /// # Errors
-    /// What `candidate` refuses.
+    /// Errors of `candidate`.
     pub(crate) fn person<E>(
         &self,
         mut candidate: impl FnMut(usize) -> Result<Option<Candidate>, E>,
@@ -83,7 +81,7 @@ impl Mapping {
         Ok(person)
     }
 
-    /// Which of ours the file has not.
+    /// COCO keypoints that the file lacks.
     pub fn missing(&self) -> Vec<&'static str> {
         let pairs = COCO17.iter().zip(self.places);
         pairs
@@ -93,7 +91,7 @@ impl Mapping {
     }
 }
 
-/// The first of many names.
+/// The first few of many names.
 fn shown(names: &[String]) -> String {
     const SHOWN: usize = 8;
     let first: Vec<String> = names
@@ -105,46 +103,46 @@ fn shown(names: &[String]) -> String {
     format!("{}{dots}", first.join(", "))
 }
 
-/// What is known of a file's keypoints beforehand, and the mapping that its first person settled.
+/// What is known about a file's keypoints, and the mapping chosen at its first person.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Keypoints {
-    /// What the user has said.
-    asked: Option<Model>,
-    /// What settings beside the files say; weaker than their content.
-    hinted: Option<Model>,
+    /// Requested by the user.
+    requested: Option<Model>,
+    /// From settings next to the files; weaker than their content.
+    hint: Option<Model>,
     settled: Option<Mapping>,
 }
 
 impl Keypoints {
-    pub(crate) fn new(asked: Option<Model>, hinted: Option<Model>) -> Self {
+    pub(crate) fn new(requested: Option<Model>, hint: Option<Model>) -> Self {
         Self {
-            asked,
-            hinted,
+            requested,
+            hint,
             settled: None,
         }
     }
 
-    /// The mapping of a person with so many keypoints.
+    /// The mapping for a person with this many keypoints.
     ///
     /// # Errors
-    /// When no model has so many, or the people before had another number.
+    /// If no model has this count, or earlier people had another.
     pub(crate) fn by_count(&mut self, count: usize) -> Result<&Mapping, String> {
         if let Some(settled) = self.settled.as_ref().filter(|it| it.count != count) {
             return Err(format!(
-                "found {count} keypoints, expected {} as of the people before ({})",
+                "found {count} keypoints, expected {} as for earlier people ({})",
                 settled.count, settled.name
             ));
         }
-        let model = match (self.asked, self.hinted) {
-            (Some(asked), _) if asked.count() != count => {
+        let model = match (self.requested, self.hint) {
+            (Some(requested), _) if requested.count() != count => {
                 return Err(format!(
                     "found {count} keypoints, expected {} of {}",
-                    asked.count(),
-                    asked.name()
+                    requested.count(),
+                    requested.name()
                 ));
             }
-            (Some(asked), _) => asked,
-            (None, Some(hinted)) if hinted.count() == count => hinted,
+            (Some(requested), _) => requested,
+            (None, Some(hint)) if hint.count() == count => hint,
             (None, _) => Model::of_count(count).ok_or_else(|| {
                 format!(
                     "found {count} keypoints, expected those of a known model: {}",
@@ -155,18 +153,18 @@ impl Keypoints {
         Ok(self.settled.get_or_insert_with(|| model.mapping()))
     }
 
-    /// The mapping of keypoints that a file names.
+    /// The mapping for keypoints with these names.
     ///
     /// # Errors
-    /// As [`Mapping::of_names`]; and when a model of another number was asked for.
+    /// As [`Mapping::of_names`]; also if a model with another count was requested.
     pub(crate) fn by_names(&mut self, names: &[String]) -> Result<&Mapping, String> {
-        if self.asked.is_some() {
+        if self.requested.is_some() {
             return self.by_count(names.len());
         }
         let mapping = Mapping::of_names(names)?;
         if let Some(settled) = self.settled.as_ref().filter(|it| **it != mapping) {
             return Err(format!(
-                "found keypoints {}, expected those of the people before ({})",
+                "found keypoints {}, expected those of earlier people ({})",
                 shown(names),
                 settled.name
             ));
@@ -174,28 +172,90 @@ impl Keypoints {
         Ok(self.settled.get_or_insert(mapping))
     }
 
-    /// The model that was asked for; else the one that settings say, where it has a keypoint of the number `largest`.
-    pub(crate) fn said(&self, largest: i64) -> Option<Model> {
+    /// The requested model, otherwise the model of the settings if it has a keypoint with index
+    /// `largest`.
+    pub(crate) fn given_model(&self, largest: i64) -> Option<Model> {
         let has_it = |it: &Model| largest < it.count().cast_signed() as i64;
-        self.asked.or(self.hinted.filter(has_it))
+        self.requested.or(self.hint.filter(has_it))
     }
 
-    /// What the first person settled.
+    /// The mapping chosen at the first person.
     pub(crate) fn settled(&self) -> Option<&Mapping> {
         self.settled.as_ref()
     }
 }
 
+/// Body parts that have two sides.
+const PAIRED: [&str; 8] = [
+    "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle",
+];
+
+/// The COCO name of a keypoint; `None` if COCO lacks it.
+///
+/// Case, spaces, `-`, `_` and `.` do not count. The side is a word or letter before or after the
+/// part.
+pub fn coco_name(name: &str) -> Option<&'static str> {
+    // Longer names are not keypoints.
+    const MAX_CHARS: usize = 40;
+    let letters = |c: &char| c.is_ascii_alphanumeric();
+    if name.chars().count() > MAX_CHARS {
+        return None;
+    }
+    let name: String = name
+        .chars()
+        .filter(letters)
+        .map(|c| c.to_ascii_lowercase())
+        .collect();
+    if name == "nose" {
+        return Some("nose");
+    }
+    let left = ["left", "l"];
+    let right = ["right", "r"];
+    PAIRED.iter().enumerate().find_map(|(i, part)| {
+        let side = name
+            .strip_suffix(part)
+            .or_else(|| name.strip_prefix(part))?;
+        if left.contains(&side) {
+            Some(LEFT[i])
+        } else if right.contains(&side) {
+            Some(RIGHT[i])
+        } else {
+            None
+        }
+    })
+}
+
+const LEFT: [&str; 8] = [
+    "left_eye",
+    "left_ear",
+    "left_shoulder",
+    "left_elbow",
+    "left_wrist",
+    "left_hip",
+    "left_knee",
+    "left_ankle",
+];
+const RIGHT: [&str; 8] = [
+    "right_eye",
+    "right_ear",
+    "right_shoulder",
+    "right_elbow",
+    "right_wrist",
+    "right_hip",
+    "right_knee",
+    "right_ankle",
+];
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn names(of: &[&str]) -> Vec<String> {
-        of.iter().map(|it| (*it).to_owned()).collect()
+    fn names(names: &[&str]) -> Vec<String> {
+        names.iter().map(|it| (*it).to_owned()).collect()
     }
 
     #[test]
-    fn names_find_their_keypoints_and_what_is_no_body_is_left_out() {
+    fn names_map_to_keypoints_and_others_are_dropped() {
         let mapping = Mapping::of_names(&names(&["tail", "LKnee", "right_wrist", "nose"])).unwrap();
         let at = |name: &str| mapping.places[COCO17.iter().position(|k| *k == name).unwrap()];
         assert_eq!(
@@ -212,33 +272,68 @@ mod tests {
     }
 
     #[test]
-    fn two_names_of_one_keypoint_and_names_of_none_are_refused() {
-        let said = Mapping::of_names(&names(&["LKnee", "knee_left"])).unwrap_err();
-        assert!(said.contains("both read as left_knee"), "{said}");
-        let said = Mapping::of_names(&names(&["snout", "tailbase"])).unwrap_err();
-        assert!(said.contains("`snout`, `tailbase`"), "{said}");
+    fn duplicate_and_unknown_names_are_refused() {
+        let error = Mapping::of_names(&names(&["LKnee", "knee_left"])).unwrap_err();
+        assert!(error.contains("both read as left_knee"), "{error}");
+        let error = Mapping::of_names(&names(&["snout", "tailbase"])).unwrap_err();
+        assert!(error.contains("`snout`, `tailbase`"), "{error}");
     }
 
     #[test]
-    fn a_count_that_changes_or_contradicts_what_was_asked_is_refused() {
+    fn a_changed_or_contradicting_count_is_refused() {
         let mut keypoints = Keypoints::default();
         assert_eq!(keypoints.by_count(25).unwrap().name, "BODY_25");
-        let said = keypoints.by_count(26).unwrap_err();
-        assert!(said.contains("found 26 keypoints, expected 25"), "{said}");
-        let mut asked = Keypoints::new(Some(Model::Body25B), None);
-        assert_eq!(asked.by_count(25).unwrap().name, "BODY_25B");
-        assert!(asked.by_count(17).unwrap_err().contains("BODY_25B"));
-        let said = Keypoints::default().by_count(42).unwrap_err();
-        assert!(said.contains("HALPE_26"), "{said}");
+        let error = keypoints.by_count(26).unwrap_err();
+        assert!(error.contains("found 26 keypoints, expected 25"), "{error}");
+        let mut requested = Keypoints::new(Some(Model::Body25B), None);
+        assert_eq!(requested.by_count(25).unwrap().name, "BODY_25B");
+        assert!(requested.by_count(17).unwrap_err().contains("BODY_25B"));
+        let error = Keypoints::default().by_count(42).unwrap_err();
+        assert!(error.contains("HALPE_26"), "{error}");
     }
 
     #[test]
-    fn a_hint_decides_between_models_of_one_count_and_else_does_not() {
-        let hinted = |count| {
+    fn a_hint_only_decides_between_models_of_equal_count() {
+        let hint = |count| {
             let mut keypoints = Keypoints::new(None, Some(Model::Body25B));
             keypoints.by_count(count).unwrap().name.clone()
         };
-        assert_eq!(hinted(25), "BODY_25B");
-        assert_eq!(hinted(26), "HALPE_26");
+        assert_eq!(hint(25), "BODY_25B");
+        assert_eq!(hint(26), "HALPE_26");
+    }
+
+    #[test]
+    fn sides_are_words_or_letters_before_or_after_the_part() {
+        for name in COCO17 {
+            assert_eq!(coco_name(name), Some(name));
+        }
+        for name in [
+            "LKnee",
+            "knee_L",
+            "Left Knee",
+            "left-knee",
+            "kneeleft",
+            "l.knee",
+        ] {
+            assert_eq!(coco_name(name), Some("left_knee"), "{name}");
+        }
+        assert_eq!(coco_name("REar"), Some("right_ear"));
+    }
+
+    #[test]
+    fn names_outside_coco_give_none() {
+        for name in [
+            "knee",
+            "left_eye_inner",
+            "MidHip",
+            "left_heel",
+            "LBigToe",
+            "head",
+            "",
+            "Lléft",
+            "left_left_knee",
+        ] {
+            assert_eq!(coco_name(name), None, "{name}");
+        }
     }
 }

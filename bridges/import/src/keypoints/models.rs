@@ -1,8 +1,9 @@
-//! The models of keypoints that other programs have, under the names that Pose2Sim gives them.
+//! Keypoint models of other programs, named as in Pose2Sim.
 //!
-//! Sources: `OpenPose`'s `doc/02_output.md` (`BODY_25`, COCO, MPII) and its `train/` for `BODY_25B` and `BODY_135`; `AlphaPose`'s
-//! `docs/MODEL_ZOO.md` and `Halpe-FullBody` (`HALPE_26`, `HALPE_68`, `HALPE_136`); `COCO-WholeBody` (`COCO_133`); `MediaPipe`'s pose
-//! landmarks (BLAZEPOSE); all held against Pose2Sim's `skeletons.py`.
+//! Sources: `OpenPose`'s `doc/02_output.md` (`BODY_25`, COCO, MPII) and its `train/` for `BODY_25B`
+//! and `BODY_135`; `AlphaPose`'s `docs/MODEL_ZOO.md` and `Halpe-FullBody` (`HALPE_26`, `HALPE_68`,
+//! `HALPE_136`); `COCO-WholeBody` (`COCO_133`); `MediaPipe`'s pose landmarks (BLAZEPOSE). All were
+//! compared with Pose2Sim's `skeletons.py`.
 
 use std::fmt;
 
@@ -15,7 +16,7 @@ use super::Mapping;
 pub enum Model {
     /// `OpenPose`'s default.
     Body25,
-    /// `OpenPose`'s experimental one, which begins with COCO's.
+    /// `OpenPose`'s experimental model, which begins with COCO's keypoints.
     Body25B,
     /// `OpenPose`'s whole body.
     Body135,
@@ -39,20 +40,21 @@ pub enum Model {
     BlazePose,
 }
 
-/// COCO's 17 at the head of a list.
+/// COCO's 17 keypoints at the start of the list.
 const AS_COCO: [usize; COCO17.len()] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16];
 
-/// Where a model has what COCO has not.
+/// Marks a COCO keypoint that the model lacks.
 const NOT_THERE: usize = usize::MAX;
 
 /// A row of the table.
 struct Row {
     model: Model,
-    /// As Pose2Sim says it.
+    /// Name in Pose2Sim.
     name: &'static str,
-    /// Keypoints of one person.
+    /// Number of keypoints of one person.
     count: usize,
-    /// The places of COCO's keypoints: nose; eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, left before right.
+    /// Indices of COCO's keypoints: nose; eyes, ears, shoulders, elbows, wrists, hips, knees,
+    /// ankles, left before right.
     places: [usize; COCO17.len()],
     left_out: &'static [&'static str],
 }
@@ -172,7 +174,7 @@ const ROWS: [Row; 12] = [
     },
 ];
 
-/// Other names of models: Pose2Sim's words for `RTMPose`'s, and what programs say of their own.
+/// Other model names: Pose2Sim's for `RTMPose` models, and those of the programs themselves.
 const OTHER_NAMES: [(&str, Model); 12] = [
     ("BODY_WITH_FEET", Model::Halpe26),
     ("LOWER_BODY", Model::Halpe26),
@@ -190,23 +192,24 @@ const OTHER_NAMES: [(&str, Model); 12] = [
 
 impl Model {
     fn row(self) -> &'static Row {
-        // Every model has a row: a test looks. The first stands in for what cannot be.
+        // A test checks that every model has a row; the first row is an unreachable fallback.
         ROWS.iter()
             .find(|row| row.model == self)
             .unwrap_or(&ROWS[0])
     }
 
-    /// As Pose2Sim says it.
+    /// Name in Pose2Sim.
     pub fn name(self) -> &'static str {
         self.row().name
     }
 
-    /// Keypoints of one person.
+    /// Number of keypoints of one person.
     pub fn count(self) -> usize {
         self.row().count
     }
 
-    /// The model of this name, in any case; `-` is `_`. `COCO` is `OpenPose`'s of 18, as Pose2Sim has it.
+    /// Finds a model by name, in any case, with `-` or `_`. `COCO` is `OpenPose`'s model of 18, as
+    /// in Pose2Sim.
     pub fn from_name(name: &str) -> Option<Self> {
         let name = name.trim().to_uppercase().replace('-', "_");
         let named = ROWS
@@ -217,14 +220,14 @@ impl Model {
         named.or_else(|| other().map(|(_, model)| *model))
     }
 
-    /// The model with so many keypoints; of two the common one.
+    /// The model with this many keypoints; the more common of two.
     pub fn of_count(count: usize) -> Option<Self> {
         ROWS.iter()
             .find(|row| row.count == count)
             .map(|row| row.model)
     }
 
-    /// All names, for errors.
+    /// All names, for error messages.
     pub fn list() -> String {
         let names: Vec<String> = ROWS
             .iter()
@@ -233,7 +236,7 @@ impl Model {
         names.join(", ")
     }
 
-    /// Where its keypoints stand.
+    /// Indices of its keypoints.
     pub fn mapping(self) -> Mapping {
         let row = self.row();
         Mapping {
@@ -274,7 +277,8 @@ mod tests {
         }
     }
 
-    /// Names as the documents of each program list them, in order: the table is held against these, not against itself.
+    /// Keypoint names in the order of each program's documentation, an independent check of the
+    /// table.
     const BODY_25: &str = "Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist MidHip RHip RKnee RAnkle LHip LKnee \
         LAnkle REye LEye REar LEar LBigToe LSmallToe LHeel RBigToe RSmallToe RHeel";
     const COCO_18: &str = "Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist RHip RKnee RAnkle LHip LKnee LAnkle REye \
@@ -288,7 +292,7 @@ mod tests {
     const MPII: &str = "Head Neck RShoulder RElbow RWrist LShoulder LElbow LWrist RHip RKnee RAnkle LHip LKnee LAnkle Chest";
 
     #[test]
-    fn the_table_says_what_the_names_of_each_program_say() {
+    fn the_table_matches_the_names_of_each_program() {
         for (model, names) in [
             (Model::Body25, BODY_25),
             (Model::Coco18, COCO_18),
@@ -305,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn pose2sims_names_are_known() {
+    fn pose2sim_names_are_recognised() {
         for (name, model) in [
             ("Body_with_feet", Model::Halpe26),
             ("HALPE_26", Model::Halpe26),

@@ -1,4 +1,4 @@
-//! Which calibration of a folder is taken, and what is said of the others.
+//! Tests: which calibration of a folder is used, and how the others are reported.
 
 use std::fs;
 use std::path::Path;
@@ -6,19 +6,19 @@ use std::path::Path;
 use farfield_calibration::formats::{self, Format, ImportOptions, TextFile};
 use tempfile::TempDir;
 
-use super::tests::{TWO_CAMERAS, frames, pose2sim, request, said, write};
+use super::tests::{TWO_CAMERAS, frames, pose2sim, remarks_text, request, write};
 use super::{ImportRequest, import};
 
-/// The second camera's place in [`TWO_CAMERAS`].
+/// Pose of the second camera in [`TWO_CAMERAS`].
 const PLACE: &str = "rotation = [1.5707963267948966, 0.0, 0.0]\ntranslation = [0.0, 1.5, 4.0]";
 
-/// [`TWO_CAMERAS`] with the second camera 0.3 m to the side.
+/// [`TWO_CAMERAS`] with the second camera moved sideways by 0.3 m.
 fn moved() -> String {
     assert!(TWO_CAMERAS.contains(PLACE));
     TWO_CAMERAS.replace(PLACE, &PLACE.replace("[0.0, 1.5", "[0.3, 1.5"))
 }
 
-/// A project of Pose2Sim with these files in `calibration`.
+/// A Pose2Sim project with these files in `calibration`.
 fn project(calibrations: &[(&str, &str)]) -> TempDir {
     let frames = frames(0..20);
     let folder = pose2sim(&[("cam01", &frames), ("cam02", &frames)], TWO_CAMERAS);
@@ -37,7 +37,7 @@ fn refused(folder: &Path) -> String {
 }
 
 #[test]
-fn two_that_differ_are_named_with_dates_and_distance_until_one_is_named() {
+fn differing_calibrations_are_listed_until_the_user_chooses() {
     let moved = moved();
     let folder = project(&[
         ("Calib_qualisys.toml", TWO_CAMERAS),
@@ -54,35 +54,35 @@ fn two_that_differ_are_named_with_dates_and_distance_until_one_is_named() {
         assert!(refusal.contains(words), "{refusal}");
     }
     let scene = folder.path().join("calibration/Calib_scene.toml");
-    let asked = ImportRequest {
+    let chosen = ImportRequest {
         calibration: vec![scene.clone()],
         ..request(folder.path())
     };
-    let report = import(&asked).unwrap();
+    let report = import(&chosen).unwrap();
     assert_eq!(report.calibration, [scene]);
-    let said = said(&report);
+    let text = remarks_text(&report);
     assert!(
-        said.contains("found and not taken: ") && said.contains("Calib_qualisys.toml"),
-        "{said}"
+        text.contains("found and not taken: ") && text.contains("Calib_qualisys.toml"),
+        "{text}"
     );
     assert!(
-        !said.contains("not taken: calibration/Calib_scene"),
-        "{said}"
+        !text.contains("not taken: calibration/Calib_scene"),
+        "{text}"
     );
 }
 
 #[test]
-fn a_calibration_is_one_whatever_it_is_called() {
+fn calibrations_are_recognised_by_content_not_by_name() {
     let folder = project(&[("Calib_scene.toml", TWO_CAMERAS)]);
     let report = import(&request(folder.path())).unwrap();
     assert!(report.calibration[0].ends_with("calibration/Calib_scene.toml"));
-    assert!(!said(&report).contains("not taken"), "{}", said(&report));
+    assert!(!remarks_text(&report).contains("not taken"));
     let folder = project(&[("venue.toml.bak", TWO_CAMERAS)]);
     assert_eq!(import(&request(folder.path())).unwrap().cameras.len(), 2);
 }
 
 #[test]
-fn of_two_that_say_the_same_one_is_taken_and_the_other_named() {
+fn of_two_equal_calibrations_one_is_used_and_the_other_reported() {
     let text = TextFile {
         path: "a.toml".into(),
         text: TWO_CAMERAS.to_owned(),
@@ -103,14 +103,18 @@ fn of_two_that_say_the_same_one_is_taken_and_the_other_named() {
         "{:?}",
         report.calibration
     );
-    let said = said(&report);
-    for words in ["a_hall.qca.txt", "qualisys): it says the same", "cut.toml:"] {
-        assert!(said.contains(words), "{said}");
+    let text = remarks_text(&report);
+    for words in [
+        "a_hall.qca.txt",
+        "qualisys): it has the same content",
+        "cut.toml:",
+    ] {
+        assert!(text.contains(words), "{text}");
     }
 }
 
 #[test]
-fn what_lies_above_the_folder_is_named_and_not_taken() {
+fn files_above_the_folder_are_suggested_but_not_used() {
     let session = tempfile::tempdir().unwrap();
     let at = |name: &str| session.path().join(name);
     write(&at("calibration/Calib_old.toml"), moved().as_bytes());
@@ -131,33 +135,33 @@ fn what_lies_above_the_folder_is_named_and_not_taken() {
     }
     assert!(!at("trial/farfield").exists());
     fs::remove_file(at("trial/Config.toml")).unwrap();
-    let asked = ImportRequest {
+    let chosen = ImportRequest {
         calibration: vec![at("calibration/Calib_old.toml")],
         ..request(&at("trial"))
     };
-    let refusal = import(&asked).unwrap_err().to_string();
+    let refusal = import(&chosen).unwrap_err().to_string();
     assert!(
-        refusal.contains("Config.toml says `--rate 50` `--keypoints BODY_25B`"),
+        refusal.contains("`--rate 50` `--keypoints BODY_25B`"),
         "{refusal}"
     );
-    let asked = ImportRequest {
+    let chosen = ImportRequest {
         rate_hz: Some(50.0),
-        ..asked
+        ..chosen
     };
-    assert_eq!(import(&asked).unwrap().cameras.len(), 2);
+    assert_eq!(import(&chosen).unwrap().cameras.len(), 2);
 }
 
 #[test]
-fn what_is_binary_is_answered_with_what_it_is() {
+fn binary_calibration_files_are_refused_with_their_kind() {
     let folder = project(&[]);
     let pickle = folder.path().join("calibration/rig.pickle");
     write(&pickle, b"\x80\x04\x95\x7f\x02\0\0\0}\x94(\x8c\x06matrix");
     assert!(refused(folder.path()).contains("no calibration is in"));
-    let asked = ImportRequest {
+    let chosen = ImportRequest {
         calibration: vec![pickle],
         ..request(folder.path())
     };
-    let refusal = import(&asked).unwrap_err().to_string();
+    let refusal = import(&chosen).unwrap_err().to_string();
     for words in [
         "rig.pickle: is a Python pickle",
         "pickle.load(open(\"rig.pickle\"",

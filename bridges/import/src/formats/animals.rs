@@ -1,6 +1,4 @@
-//! `DeepLabCut`'s CSV: three rows of heading (scorer, bodyparts, coords), or four with individuals after the scorer, then a
-//! row per frame. Columns are x, y and, but in labels made by hand, likelihood. The first columns say the frame: a whole
-//! number, or the name of a picture.
+//! CSV tables of animal trackers: `DeepLabCut` and SLEAP.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,12 +6,12 @@ use std::path::Path;
 use farfield_proto::toml_file::FileError;
 
 use super::Content;
-use super::table::{Row, rows};
-use crate::frame_number::{self, MAX_FRAME};
+use super::table::{Row, column, rows};
+use crate::folder::{self, MAX_FRAME};
 use crate::keypoints::MAX_KEYPOINTS;
 use crate::person::{CameraKey, Candidate};
 
-/// Where the numbers of one keypoint stand.
+/// Column indices of one keypoint.
 #[derive(Debug, Clone, Copy, Default)]
 struct Columns {
     x: Option<usize>,
@@ -21,14 +19,21 @@ struct Columns {
     likelihood: Option<usize>,
 }
 
-/// One animal: its keypoints by name, in the order of the file.
+/// One animal: its keypoint names in the order of the file.
 #[derive(Debug, Default)]
 struct Individual {
     names: Vec<String>,
     columns: Vec<Columns>,
 }
 
-pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(), FileError> {
+/// Reads `DeepLabCut`'s CSV: three heading rows (scorer, bodyparts, coords), or four with individuals
+/// after the scorer, then one row per frame. Columns are x, y and likelihood; manual labels have no
+/// likelihood. The first columns give the frame: a whole number, or the name of an image.
+pub(super) fn read_deeplabcut(
+    text: &str,
+    path: &Path,
+    content: &mut Content,
+) -> Result<(), FileError> {
     let mut rows = rows(text, path);
     let mut heading = |name: &str| -> Result<Row, FileError> {
         let row = rows.next().unwrap_or_else(|| {
@@ -59,18 +64,18 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
             ));
         }
     }
-    let everybody = everybody(individuals.as_ref(), &bodyparts, &coords)
+    let animals = animals(individuals.as_ref(), &bodyparts, &coords)
         .map_err(|problem| bodyparts.error(path, problem))?;
-    for individual in everybody.values() {
+    for individual in animals.values() {
         content
             .keypoints
             .by_names(&individual.names)
             .map_err(|problem| bodyparts.error(path, problem))?;
         if individual.columns.iter().any(|it| it.likelihood.is_none()) {
-            content.note("keypoints without likelihood were taken for certain (score 1)");
+            content.note("keypoints without likelihood were given the score 1");
         }
     }
-    // Labels made by hand may have the picture's name in three columns.
+    // Manual labels may have the image's name in three columns.
     let n_index = 1 + (1..3).take_while(|i| coords.cell(*i).is_empty()).count();
     for row in rows {
         let row = row?;
@@ -79,7 +84,7 @@ pub(super) fn read(text: &str, path: &Path, content: &mut Content) -> Result<(),
             .detections
             .new_frame(&CameraKey::OfFile, frame)
             .map_err(|problem| row.error(path, problem))?;
-        for individual in everybody.values() {
+        for individual in animals.values() {
             person(&row, individual, frame, content).map_err(|problem| row.error(path, problem))?;
         }
     }
@@ -100,29 +105,29 @@ fn person(
             Some(column) => row.number(column)?,
             None => Some(1.0),
         };
-        Candidate::of(number(columns.x)?, number(columns.y)?, score)
+        Candidate::from_numbers(number(columns.x)?, number(columns.y)?, score)
     })?;
     content.detections.add(&CameraKey::OfFile, frame, &person)
 }
 
-/// Everybody by name; where the file has no names, one without.
-fn everybody(
+/// All individuals by name; one without a name if the file has no names.
+fn animals(
     individuals: Option<&Row>,
     bodyparts: &Row,
     coords: &Row,
 ) -> Result<BTreeMap<String, Individual>, String> {
-    let mut everybody: BTreeMap<String, Individual> = BTreeMap::new();
+    let mut animals: BTreeMap<String, Individual> = BTreeMap::new();
     for (column, what) in coords.cells().enumerate().skip(1) {
         let name = bodyparts.cell(column);
         if what.is_empty() && name.is_empty() {
             continue;
         }
         let whose = individuals.map_or("", |row| row.cell(column));
-        // What belongs to nobody, such as corners of an arena.
+        // Points that belong to no individual, such as corners of an arena.
         if whose == "single" {
             continue;
         }
-        let individual = everybody.entry(whose.to_owned()).or_default();
+        let individual = animals.entry(whose.to_owned()).or_default();
         let known = individual.names.last().is_some_and(|last| last == name);
         if !known {
             if individual.names.len() >= MAX_KEYPOINTS {
@@ -145,23 +150,76 @@ fn everybody(
             }
         }
     }
-    if everybody.is_empty() {
+    if animals.is_empty() {
         return Err("found no bodyparts".to_owned());
     }
-    Ok(everybody)
+    Ok(animals)
 }
 
-/// By the number, which may be written as `12.0`, or the name of a picture, in the first columns.
+/// Frame number from the first columns: a number, possibly written as `12.0`, or the name of an
+/// image.
 fn frame(row: &Row, n_index: usize) -> Result<i64, String> {
     let filled = (0..n_index).rev().find(|i| !row.cell(*i).is_empty());
     let column = filled.unwrap_or(0);
     let cell = row.cell(column);
     let frame = match row.number(column) {
-        // No picture is called so: by its last digits `12.0` would be picture 0.
+        // Not an image name: its last digits would make `12.0` frame 0.
         Ok(Some(_)) => row.whole(column, MAX_FRAME).ok(),
-        _ => frame_number::of_name(cell),
+        _ => folder::frame_of_name(cell),
     };
     frame.ok_or_else(|| {
         format!("found `{cell}`, expected a frame (a whole number) or the name of its picture")
     })
+}
+
+/// Reads SLEAP's analysis CSV: `track,frame_idx,instance.score,nose.x,nose.y,nose.score,...`, one row
+/// per animal and frame.
+pub(super) fn read_sleap(text: &str, path: &Path, content: &mut Content) -> Result<(), FileError> {
+    let mut rows = rows(text, path);
+    let header = rows
+        .next()
+        .unwrap_or_else(|| Err(FileError::new(path, "found no heading")))?;
+    let frame_column = column(&header, &["frame_idx"])
+        .ok_or_else(|| header.error(path, "found no column `frame_idx`"))?;
+    let names: Vec<String> = header
+        .cells()
+        .filter_map(|cell| cell.strip_suffix(".x"))
+        .take(MAX_KEYPOINTS)
+        .map(str::to_owned)
+        .collect();
+    let column_of = |name: &str, what: &str| column(&header, &[&format!("{name}.{what}")]);
+    let columns: Vec<[Option<usize>; 3]> = names
+        .iter()
+        .map(|name| {
+            [
+                column_of(name, "x"),
+                column_of(name, "y"),
+                column_of(name, "score"),
+            ]
+        })
+        .collect();
+    if columns.iter().any(|[_, _, score]| score.is_none()) {
+        content.note("keypoints without scores were given the score 1");
+    }
+    for row in rows {
+        let row = row?;
+        let wrong = |problem: String| row.error(path, problem);
+        let frame = row.whole(frame_column, MAX_FRAME).map_err(wrong)?;
+        let noted = content.detections.frame(&CameraKey::OfFile, frame);
+        noted.map_err(wrong)?;
+        let mapping = content.keypoints.by_names(&names).map_err(wrong)?;
+        let person = mapping.person(|place| {
+            let [x, y, score] = columns.get(place).copied().unwrap_or_default();
+            let number = |column: Option<usize>| column.map_or(Ok(None), |it| row.number(it));
+            let score = match score {
+                Some(score) => row.number(score)?,
+                None => Some(1.0),
+            };
+            Candidate::from_numbers(number(x)?, number(y)?, score)
+        });
+        let person = person.map_err(wrong)?;
+        let added = content.detections.add(&CameraKey::OfFile, frame, &person);
+        added.map_err(wrong)?;
+    }
+    Ok(())
 }

@@ -1,5 +1,5 @@
-//! What speaks against the keypoints of a camera: they leave its pictures, they are no pixels, people in them lie or stand
-//! on their heads. Nothing is changed; it is said.
+//! Warns about implausible keypoints of a camera: outside the image, not in pixels, or people lying
+//! or upside down. Changes nothing.
 
 use farfield_calibration::formats::{Remark, RemarkKind};
 use farfield_proto::keypoints::COCO17;
@@ -8,30 +8,32 @@ use farfield_proto::order_statistics::reached_by;
 use super::CameraFrames;
 use crate::person::{Candidate, Person};
 
-/// Fewer people than this say nothing of a camera.
+/// Minimum number of people for a judgement about a camera.
 const FEWEST_PEOPLE: usize = 10;
-/// Keypoints of which nearly none is farther from the corner than this are shares of a picture, not pixels ...
+/// If nearly all keypoints are within this distance of the corner, they are fractions of the image
+/// size, not pixels.
 ///
-/// This and the next are those of the edge's `source/keypoints.rs`, so that what is imported is what a run takes.
+/// This constant and [`FEWEST_POINTS`] match `edge/src/source/keypoints.rs`, so that every import
+/// is accepted by a run.
 const SHARE_OF_PICTURE: f64 = 1.5;
-/// ... when there are as many as two people have.
+/// Minimum number of keypoints for that judgement: those of two people.
 const FEWEST_POINTS: usize = 2 * COCO17.len();
-/// How far keypoints reach is how far this share of them does.
+/// Share of the outermost keypoints that the extent ignores.
 const REACHING_SHARE: f64 = 0.01;
-/// Networks guess a little beyond the edges: this share of a side does not count.
+/// Networks guess slightly beyond the edges; this share of a side is tolerated.
 const EDGE: f64 = 0.05;
-/// More keypoints outside than this share are said.
+/// Share of keypoints outside the image above which a warning is given.
 const MANY_OUTSIDE: f64 = 0.02;
-/// A picture of which keypoints reach less than this share of both sides may have been made smaller.
+/// If keypoints cover less than this share of both sides, the images may have been scaled down.
 const SMALL: f64 = 0.55;
-/// What this share of people do is not what some of them do.
+/// Share of people above which a posture counts as that of most people.
 const MOST: f64 = 0.8;
 
-/// Looks at one camera.
+/// Checks one camera.
 ///
 /// # Errors
-/// A sentence where its keypoints are shares of the picture: nobody would be found.
-pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<Remark>) -> Result<(), String> {
+/// If its keypoints are fractions of the image size, since a run would find no people.
+pub(super) fn check(camera: &CameraFrames, remarks: &mut Vec<Remark>) -> Result<(), String> {
     let people = || camera.frames.values().flatten();
     let points = || people().flatten().flatten();
     let [width, height] = camera.size_px.map(f64::from);
@@ -46,7 +48,7 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<Remark>) -> Result<(
     let n_people = people().count();
     if n_people < FEWEST_PEOPLE {
         if n_people == 0 {
-            let text = "nobody was found in any of its frames";
+            let text = "no people were detected in any of its frames";
             remarks.push(Remark::of_camera(RemarkKind::Doubtful, &camera.name, text));
         }
         return Ok(());
@@ -55,7 +57,7 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<Remark>) -> Result<(
     let most = |side: fn(&Candidate) -> f64| reached(points().map(side));
     let (left, top) = (least(|it| it.x_px), least(|it| it.y_px));
     let (right, bottom) = (most(|it| it.x_px), most(|it| it.y_px));
-    let mut doubt = |text: String| {
+    let mut warn = |text: String| {
         remarks.push(Remark::of_camera(RemarkKind::Doubtful, &camera.name, text));
     };
     let outside = |width: f64, height: f64| {
@@ -67,8 +69,8 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<Remark>) -> Result<(
         points().filter(is_outside).count() as f64 / points().count().max(1) as f64
     };
     if camera.frames.len() == 1 {
-        doubt(format!(
-            "all its {n_people} people are in one frame: has each picture a number of its own (COCO: `image_id`)?"
+        warn(format!(
+            "all its {n_people} people are in one frame: does each image have its own number (COCO: `image_id`)?"
         ));
     }
     let share = outside(width, height);
@@ -78,31 +80,31 @@ pub(super) fn look(camera: &CameraFrames, remarks: &mut Vec<Remark>) -> Result<(
         } else {
             ": is the calibration of pictures of this size?"
         };
-        doubt(format!(
+        warn(format!(
             "{:.0} percent of its keypoints lie outside the {width} x {height} pixels of the calibration, from ({left:.0}, {top:.0}) \
              to ({right:.0}, {bottom:.0}){turned}",
             100.0 * share
         ));
     } else if right < SMALL * width && bottom < SMALL * height {
-        doubt(format!(
+        warn(format!(
             "its keypoints reach only to ({right:.0}, {bottom:.0}) of {width} x {height} pixels: were the pictures made smaller \
              after the calibration?"
         ));
     }
-    // A camera that the calibration has on its side shows people so.
+    // In a camera that is calibrated as lying on its side, people appear so too.
     let as_calibrated = posture(people(), camera.down);
     if let Some(text) = posture(people(), [0.0, 1.0]).filter(|_| as_calibrated.is_some()) {
-        doubt(text.to_owned());
+        warn(text.to_owned());
     }
     Ok(())
 }
 
-/// How far `values` reach; a few that are farther do not count.
+/// The extent of `values`, without a few outliers.
 fn reached(values: impl Iterator<Item = f64>) -> f64 {
     reached_by(values, REACHING_SHARE).unwrap_or(0.0)
 }
 
-/// Whether people stand as people do, where `down` is down in the picture.
+/// Describes an implausible posture of most people, relative to the direction `down` in the image.
 fn posture<'a>(people: impl Iterator<Item = &'a Person>, down: [f64; 2]) -> Option<&'static str> {
     let (mut seen, mut lying, mut upside_down) = (0usize, 0usize, 0usize);
     for person in people {
@@ -131,7 +133,7 @@ fn posture<'a>(people: impl Iterator<Item = &'a Person>, down: [f64; 2]) -> Opti
     }
 }
 
-/// From the middle of the shoulders to the middle of the ankles, pixels.
+/// Vector from the middle of the shoulders to the middle of the ankles, pixels.
 fn shoulders_to_ankles(person: &Person) -> Option<(f64, f64)> {
     let middle = |name: &str| {
         let found = COCO17
@@ -151,7 +153,8 @@ fn shoulders_to_ankles(person: &Person) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
 
-    /// Twenty people who stand at x 400 px, heads at 100 px and feet at 500 px, after `moved`.
+    /// Twenty people who stand at x = 400 px with heads at 100 px and feet at 500 px, transformed
+    /// by `moved`.
     fn camera(size_px: [u32; 2], moved: impl Fn(f64, f64) -> (f64, f64)) -> CameraFrames {
         let person: Person = std::array::from_fn(|i| {
             let (x_px, y_px) = moved(400.0, 100.0 + 25.0 * i as f64);
@@ -170,25 +173,25 @@ mod tests {
         }
     }
 
-    fn said(camera: &CameraFrames) -> String {
+    fn warnings(camera: &CameraFrames) -> String {
         let mut remarks = Vec::new();
-        look(camera, &mut remarks).unwrap();
+        check(camera, &mut remarks).unwrap();
         let texts: Vec<String> = remarks.into_iter().map(|it| it.text).collect();
         texts.join("\n")
     }
 
     #[test]
-    fn people_who_stand_in_the_picture_raise_no_doubt() {
-        assert_eq!(said(&camera([640, 640], |x, y| (x, y))), "");
+    fn standing_people_inside_the_image_give_no_warning() {
+        assert_eq!(warnings(&camera([640, 640], |x, y| (x, y))), "");
     }
 
     #[test]
-    fn pictures_of_another_size_are_doubted() {
-        let outside = said(&camera([640, 360], |x, y| (x, y)));
+    fn images_of_another_size_give_a_warning() {
+        let outside = warnings(&camera([640, 360], |x, y| (x, y)));
         assert!(outside.contains("outside the 640 x 360"), "{outside}");
-        let turned = said(&camera([640, 360], |x, y| (x * 0.8, y * 1.2)));
+        let turned = warnings(&camera([640, 360], |x, y| (x * 0.8, y * 1.2)));
         assert!(turned.contains("turned by a quarter"), "{turned}");
-        let small = said(&camera([1920, 1080], |x, y| (x, y)));
+        let small = warnings(&camera([1920, 1080], |x, y| (x, y)));
         assert!(small.contains("made smaller"), "{small}");
         let mut with_one_far = camera([1920, 1080], |x, y| (x, y));
         let far = Candidate {
@@ -197,34 +200,34 @@ mod tests {
             score: 0.9,
         };
         with_one_far.frames.get_mut(&3).unwrap()[0][0] = Some(far);
-        assert!(said(&with_one_far).contains("made smaller"));
+        assert!(warnings(&with_one_far).contains("made smaller"));
     }
 
     #[test]
-    fn swapped_axes_and_heads_below_feet_are_doubted() {
-        let swapped = said(&camera([640, 640], |x, y| (y, x)));
+    fn swapped_axes_and_inverted_people_give_a_warning() {
+        let swapped = warnings(&camera([640, 640], |x, y| (y, x)));
         assert!(swapped.contains("swapped"), "{swapped}");
-        let upside_down = said(&camera([640, 640], |x, y| (x, 640.0 - y)));
+        let upside_down = warnings(&camera([640, 640], |x, y| (x, 640.0 - y)));
         assert!(upside_down.contains("on their heads"), "{upside_down}");
     }
 
     #[test]
-    fn people_who_are_all_in_one_frame_are_doubted() {
+    fn all_people_in_one_frame_give_a_warning() {
         let mut camera = camera([640, 640], |x, y| (x, y));
         let people: Vec<Person> = std::mem::take(&mut camera.frames)
             .into_values()
             .flatten()
             .collect();
         camera.frames.insert(0, people);
-        assert!(said(&camera).contains("all its 20 people are in one frame"));
+        assert!(warnings(&camera).contains("all its 20 people are in one frame"));
         camera.frames.entry(0).or_default().truncate(9);
-        assert_eq!(said(&camera), "");
+        assert_eq!(warnings(&camera), "");
     }
 
     #[test]
-    fn shares_of_a_picture_are_refused() {
+    fn fractions_of_the_image_size_are_refused() {
         let camera = camera([640, 640], |x, y| (x / 640.0, y / 640.0));
-        let refused = look(&camera, &mut Vec::new()).unwrap_err();
+        let refused = check(&camera, &mut Vec::new()).unwrap_err();
         assert!(refused.contains("shares of a picture"), "{refused}");
         let mut with_one_far = camera.clone();
         let far = Candidate {
@@ -233,13 +236,13 @@ mod tests {
             score: 0.9,
         };
         with_one_far.frames.get_mut(&3).unwrap()[0][0] = Some(far);
-        let refused = look(&with_one_far, &mut Vec::new()).unwrap_err();
+        let refused = check(&with_one_far, &mut Vec::new()).unwrap_err();
         assert!(refused.contains("within 0.78 pixels"), "{refused}");
         // Two people are enough, as for the edge; one is not.
         let mut few = camera;
         few.frames.retain(|at, _| *at < 2);
-        assert!(look(&few, &mut Vec::new()).is_err());
+        assert!(check(&few, &mut Vec::new()).is_err());
         few.frames.retain(|at, _| *at < 1);
-        assert!(look(&few, &mut Vec::new()).is_ok());
+        assert!(check(&few, &mut Vec::new()).is_ok());
     }
 }
