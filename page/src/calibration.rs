@@ -1,4 +1,5 @@
-//! What pages are told of the calibration: its sheet, where there is one, and whether it is of it.
+//! What pages show of the calibration: its sheet, if there is one, and whether the sheet belongs to
+//! it.
 
 use std::sync::Arc;
 
@@ -6,27 +7,27 @@ use serde::Serialize;
 
 use crate::protocol::text::json;
 
-/// The calibration of a venue, as pages show it.
+/// The calibration of a venue as pages show it.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ShownCalibration {
-    /// What its file is called.
+    /// Name of its file.
     pub file: String,
-    /// By which venues know it: 16 hexadecimal digits.
+    /// Its fingerprint in venues: 16 hexadecimal digits.
     pub fingerprint: String,
-    /// What the operator is told: whether there is a sheet, and what to do where there is none.
+    /// Text for the operator: whether there is a sheet, and how to create one.
     pub text: String,
     /// Its sheet.
     pub sheet: Option<CalibrationSheet>,
 }
 
-/// The sheet of a calibration: an HTML page that needs nothing but itself, without scripts.
+/// The sheet of a calibration: a self-contained HTML page without scripts.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CalibrationSheet {
-    /// What its file is called.
+    /// Name of its file.
     pub file: String,
-    /// The calibration that it says it is of.
+    /// Fingerprint of the calibration that it states.
     pub fingerprint: Option<String>,
-    /// Whether that is the one in use; `None`: it does not say.
+    /// Whether that is the calibration in use; `None` if it states none.
     pub is_of_this: Option<bool>,
     /// The page.
     pub html: Arc<[u8]>,
@@ -48,7 +49,7 @@ struct SheetDocument<'a> {
     path: String,
 }
 
-/// The answer of `/api/calibration`; the sheet is at `/calibration/KEY`.
+/// The response of `/api/calibration`; the sheet is at `/calibration/KEY`.
 pub(crate) fn document(shown: &ShownCalibration, key: &str) -> String {
     let sheet = shown.sheet.as_ref().map(|sheet| SheetDocument {
         file: &sheet.file,

@@ -1,21 +1,22 @@
-//! The live page: what is known of a venue, served to browsers and to programs, by the protocol of `docs/page.md`.
+//! The live page: shows the state of a venue to browsers and programs, by the protocol of
+//! `docs/page.md`.
 //!
-//! It is fed with what passes on the wire anyway (or stands in a recording) by [`state::PageState::message`], knows nothing
-//! of Zenoh, and holds nobody up: what it has no room for it drops, and says so. [`server::Server`] serves it. What pages
-//! ask for beyond looking is done by who runs the server, behind [`actions::PageActions`].
+//! [`state::PageState::message`] accepts the messages that pass on the wire or are in a recording.
+//! The crate knows nothing of Zenoh and never blocks its caller: without room it drops messages and
+//! counts them. [`server::Server`] serves the page. The host program performs actions that pages
+//! request, through [`PageActions`].
 //!
-//! | module | what |
+//! | module | content |
 //! | --- | --- |
-//! | [`protocol`] | messages as bytes and as JSON, pure |
-//! | [`state`] | what is known now, alarms in words, latencies; the ticks that can be gone to, of the last minutes or of a recording |
-//! | [`playback`] | where a client is in time, pure |
-//! | [`server`] | HTTP, WebSockets, TLS, who may ask what; the page on which marks are clicked |
-//! | [`qr`] | an address as a picture in a terminal |
+//! | [`protocol`] | messages as bytes and JSON, pure |
+//! | [`state`] | current state, alarms, latencies; ticks of the last minutes or of a recording |
+//! | [`playback`] | playback position of a client, pure |
+//! | [`server`] | HTTP, web sockets, TLS, access rules; the page for clicking marks |
+//! | [`qr`] | QR code of an address for a terminal |
 
 #[cfg(test)]
 extern crate self as farfield_page;
 
-pub mod actions;
 mod calibration;
 pub mod playback;
 pub mod protocol;
@@ -24,8 +25,9 @@ pub mod server;
 pub mod skeleton;
 pub mod state;
 
-pub use actions::{Action, ActionKind, PageActions};
 pub use calibration::{CalibrationSheet, ShownCalibration};
+pub use protocol::request::Action;
+pub use protocol::text::ActionKind;
 pub use server::{Clicking, ClickingServer, Server, ServerOptions, Taken};
 pub use skeleton::{Angle, AngleUnit, Skeleton};
-pub use state::{HistoryBounds, PageOptions, PageState, RecordedMessages};
+pub use state::{HistoryBounds, PageActions, PageOptions, PageState, RecordedMessages};

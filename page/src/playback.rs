@@ -1,4 +1,4 @@
-//! Where a client is in time. Pure: what time it is, is an argument.
+//! Playback position of a client. Pure: the time is an argument.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use farfield_proto::tick::Tick;
 
 use crate::protocol::text::PlaybackState;
 
-/// The cursor of one client.
+/// The playback position of one client.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cursor {
     motion: Motion,
@@ -18,7 +18,7 @@ enum Motion {
     Live,
     Paused(Tick),
     Playing {
-        /// Where it was at `since`.
+        /// Position at the time `since`.
         from: Tick,
         since: Duration,
         speed: f64,
@@ -27,7 +27,7 @@ enum Motion {
 }
 
 impl Cursor {
-    /// Follows what is new; ticks follow at `rate_hz`.
+    /// Follows the newest tick; `rate_hz` is the venue's rate.
     pub fn live(rate_hz: f64) -> Self {
         Self {
             motion: Motion::Live,
@@ -35,7 +35,7 @@ impl Cursor {
         }
     }
 
-    /// Whether it follows what is new.
+    /// Whether it follows the newest tick.
     pub fn is_live(&self) -> bool {
         self.motion == Motion::Live
     }
@@ -45,7 +45,7 @@ impl Cursor {
         matches!(self.motion, Motion::Playing { .. })
     }
 
-    /// What it does.
+    /// The playback state.
     pub fn state(&self) -> PlaybackState {
         match self.motion {
             Motion::Live => PlaybackState::Live,
@@ -54,7 +54,7 @@ impl Cursor {
         }
     }
 
-    /// Times real time; 1 while it does not play.
+    /// Speed relative to real time; 1 while not playing.
     pub fn speed(&self) -> f64 {
         match self.motion {
             Motion::Playing { speed, .. } => speed,
@@ -62,7 +62,7 @@ impl Cursor {
         }
     }
 
-    /// What it repeats.
+    /// The repeated range.
     pub fn repeat(&self) -> Option<[Tick; 2]> {
         match self.motion {
             Motion::Playing { repeat, .. } => repeat,
@@ -70,7 +70,7 @@ impl Cursor {
         }
     }
 
-    /// From one tick to the next as it plays; `None` while it does not.
+    /// Time between ticks while playing; otherwise `None`.
     pub fn period(&self) -> Option<Duration> {
         match self.motion {
             Motion::Playing { speed, .. } => {
@@ -80,7 +80,7 @@ impl Cursor {
         }
     }
 
-    /// Follows what is new.
+    /// Follows the newest tick.
     pub fn follow(&mut self) {
         self.motion = Motion::Live;
     }
@@ -90,7 +90,7 @@ impl Cursor {
         self.motion = Motion::Paused(at);
     }
 
-    /// Plays from a tick; `now` is any clock that goes on.
+    /// Plays from a tick; `now` is any monotonic clock.
     pub fn play(&mut self, from: Tick, now: Duration, speed: f64, repeat: Option<[Tick; 2]>) {
         self.motion = Motion::Playing {
             from,
@@ -100,8 +100,9 @@ impl Cursor {
         };
     }
 
-    /// The tick that is due, of those from `first` to `last`; `None` while it follows what is new. `can_follow`: whoever
-    /// plays into the newest tick follows from there on; else it stays at the end.
+    /// The current tick, limited to `first` to `last`; `None` while following the newest tick. On
+    /// reaching the newest tick, playback follows it if `can_follow` is set, and otherwise stays at
+    /// the end.
     pub fn due(
         &mut self,
         now: Duration,
@@ -125,7 +126,7 @@ impl Cursor {
                 begin.clamp(first, last.max(first)),
                 end.clamp(first, last.max(first)),
             ];
-            // From outside of what is repeated it comes in at the near end.
+            // A position outside the repeated range wraps into it.
             let length = (end - begin).saturating_add(1).max(1);
             let inside = (due - begin).rem_euclid(length);
             return Some(begin + inside);
@@ -181,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn who_plays_into_the_newest_tick_follows_and_a_recording_stays_at_its_end() {
+    fn playing_to_the_end_follows_live_data_or_stops_in_a_recording() {
         let mut cursor = playing(390, 1.0, None);
         assert_eq!(cursor.due(at(11.0), SPAN, true), None);
         assert!(cursor.is_live());
@@ -191,14 +192,14 @@ mod tests {
     }
 
     #[test]
-    fn backwards_it_stays_at_the_beginning() {
+    fn playing_backwards_stops_at_the_beginning() {
         let mut cursor = playing(110, -8.0, None);
         assert_eq!(cursor.due(at(12.0), SPAN, true), Some(Tick(100)));
         assert_eq!(cursor.state(), PlaybackState::Paused);
     }
 
     #[test]
-    fn a_loop_goes_round_and_never_out() {
+    fn a_loop_repeats_and_never_leaves_its_range() {
         let repeat = Some([Tick(200), Tick(209)]);
         let mut cursor = playing(200, 1.0, repeat);
         let ticks: Vec<i64> = (0..12)
@@ -216,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn who_stays_at_a_tick_that_is_forgotten_is_at_the_first() {
+    fn a_removed_tick_becomes_the_first_tick() {
         let mut cursor = Cursor::live(60.0);
         cursor.stay(Tick(5));
         assert_eq!(cursor.due(at(0.0), SPAN, true), Some(Tick(100)));
@@ -224,7 +225,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_due_is_there(
+        fn the_current_tick_is_always_in_range(
             from: i64, speed in prop_oneof![-8.0..-0.01f64, 0.01..8.0], s in 0.0..1e6f64,
             repeat in prop::option::of(any::<[i64; 2]>()), can_follow: bool,
         ) {

@@ -1,13 +1,13 @@
-//! An address as a QR code of characters, for a phone before a terminal.
+//! QR code of an address made of characters, to scan from a terminal.
 
 use qrcode::render::unicode::Dense1x2;
 use qrcode::{EcLevel, QrCode};
 
-/// The code of `text`, two rows of squares a line, dark on light whatever the terminal's colours; `None` where the text is
-/// too long for one.
+/// The code of `text`, two rows of squares per line, dark on light independently of the terminal's
+/// colours; `None` if the text is too long.
 pub fn terminal_code(text: &str) -> Option<String> {
     let code = QrCode::with_error_correction_level(text, EcLevel::L).ok()?;
-    // Terminals are mostly dark: what is light in the code is drawn.
+    // Most terminals are dark, so the light squares are drawn.
     let drawn = code
         .render::<Dense1x2>()
         .dark_color(Dense1x2::Dark)
@@ -35,7 +35,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_long_is_no_code() {
+    fn a_text_that_is_too_long_gives_no_code() {
         assert_eq!(terminal_code(&"x".repeat(5000)), None);
     }
 }

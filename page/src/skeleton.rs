@@ -1,16 +1,16 @@
-//! What the page must know of bodies: names, which joint hangs from which, what to draw, ranges of motion.
+//! Names and shape of bodies: joints and their parents, what to draw, ranges of motion.
 //!
-//! Poses come as lists of numbers; whoever made them says here what the numbers are. Nothing in this crate assumes a number
-//! of joints, keypoints or angles.
+//! Poses arrive as lists of numbers; the creator of the poses describes here what the numbers mean.
+//! This crate assumes no number of joints, keypoints or angles.
 
 use serde::Serialize;
 
 use farfield_proto::wire::MAX_JOINTS;
 
-/// How near to a bound of its range an angle counts as at it, radians: the wire's numbers are single precision, and exact
-/// inverse kinematics ends on the bound itself.
+/// Distance from a limit below which an angle counts as at the limit, radians. Wire numbers have
+/// single precision, and exact inverse kinematics ends on the limit itself.
 const AT_BOUND_RAD: f32 = 1e-3;
-/// Radius of a bone of which nothing else is known, metres.
+/// Radius of a bone without a known size, metres.
 const USUAL_RADIUS_M: f32 = 0.04;
 
 /// Names and shape of the model's bodies.
@@ -31,7 +31,7 @@ pub struct Skeleton {
 pub struct Joint {
     /// Its name.
     pub name: String,
-    /// The joint that it hangs from, as a position in the list; none for the root.
+    /// Index of the parent joint; `None` for the root.
     pub parent: Option<usize>,
 }
 
@@ -51,9 +51,9 @@ pub struct Bone {
 pub struct Angle {
     /// Its name.
     pub name: String,
-    /// What its numbers are.
+    /// Unit of its values.
     pub unit: AngleUnit,
-    /// Its range of motion, in its unit; `None` where it has none.
+    /// Its range of motion, in its unit; `None` if unlimited.
     pub range: Option<[f32; 2]>,
 }
 
@@ -69,7 +69,7 @@ pub enum AngleUnit {
 }
 
 impl Angle {
-    /// Whether `value` lies at a bound of the range.
+    /// Whether `value` is at a limit of the range.
     pub fn is_at_bound(&self, value: f32) -> bool {
         self.range.is_some_and(|[least, most]| {
             value <= least + AT_BOUND_RAD || value >= most - AT_BOUND_RAD
@@ -77,7 +77,7 @@ impl Angle {
     }
 }
 
-/// Radius of the bone that ends in a joint whose name holds the word, metres: an adult's.
+/// Radius of the bone that ends in a joint whose name contains the word, metres, for adults.
 const RADII_M: [(&str, f32); 12] = [
     ("spine", 0.13),
     ("neck", 0.11),
@@ -92,12 +92,12 @@ const RADII_M: [(&str, f32); 12] = [
     ("ankle", 0.045),
     ("toe", 0.035),
 ];
-/// Joints whose names hold one of these are points of the face: drawn as such, not as the end of a bone.
+/// Joints whose names contain one of these are facial points; they end no bone.
 const FACE: [&str; 3] = ["nose", "eye", "ear"];
 
 impl Skeleton {
-    /// A skeleton of `joints` with a bone from every parent to its child, those of the face excepted, as thick as an
-    /// adult's is. A parent that is no joint of the list counts as none; more joints than a pose may have are left out.
+    /// Builds a skeleton with a bone of adult size from every parent to its child, except in the
+    /// face. An invalid parent counts as none; joints beyond the maximum of a pose are dropped.
     pub fn of_tree(
         joints: impl IntoIterator<Item = (String, Option<usize>)>,
         keypoints: Vec<String>,
@@ -128,7 +128,7 @@ impl Skeleton {
     }
 }
 
-/// Whether `part` is one of the words of `name`: `left_ear`, not `forearm`.
+/// Whether `part` is a word of `name`: `ear` is in `left_ear`, not in `forearm`.
 fn is_part(name: &str, part: &str) -> bool {
     name.split('_').any(|word| word == part)
 }
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bones_lead_from_parents_to_children_and_faces_have_none() {
+    fn bones_connect_parents_and_children_except_in_faces() {
         let tree = [
             ("pelvis", None),
             ("spine", Some(0)),

@@ -1,8 +1,9 @@
-//! The page of a venue that is made up, for work on the page and for its tests: no fusion, no camera, no network.
+//! The page of a synthetic venue, for work on the page and for its tests: no fusion, camera or
+//! network.
 //!
-//! `cargo run -p farfield-page --example synthetic_page -- [--people 8] [--port 7460] [--seconds N] [--recording MINUTES | --replay]`
+//! `cargo run -p farfield-page --example synthetic_page -- [--people 8] [--port 7460] [--seconds N]
+//! [--recording MINUTES | --replay]`
 
-mod made_up;
 mod messages;
 mod people;
 mod venue;
@@ -20,20 +21,19 @@ use farfield_page::{
 use farfield_proto::key::Keys;
 use farfield_proto::order_statistics::percentile;
 use farfield_proto::tick::Tick;
-use made_up::MadeUp;
-use messages::Synthetic;
+use messages::{Synthetic, SyntheticRecording};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 
 type Failure = Box<dyn std::error::Error>;
 
-/// What the command line says.
+/// Command line arguments.
 struct Arguments {
     people: u32,
     port: u16,
     seconds: Option<u64>,
     recording_minutes: Option<u32>,
-    /// Only what a replay tells: people and events.
+    /// Only the messages of a replay: people and events.
     is_replay: bool,
 }
 
@@ -70,11 +70,11 @@ fn arguments() -> Result<Arguments, Failure> {
     Ok(found)
 }
 
-/// Does what pages ask for as far as there is anything to do: says that it is done.
+/// Accepts all actions and reports success.
 #[derive(Default)]
-struct Pretended(OnceLock<Weak<PageState>>);
+struct FakeActions(OnceLock<Weak<PageState>>);
 
-impl PageActions for Pretended {
+impl PageActions for FakeActions {
     fn kinds(&self) -> Vec<ActionKind> {
         vec![ActionKind::NamePerson, ActionKind::Record]
     }
@@ -102,7 +102,7 @@ impl PageActions for Pretended {
     }
 }
 
-/// The sheet of a calibration that nobody made.
+/// A synthetic calibration sheet.
 fn calibration() -> ShownCalibration {
     let html: &[u8] = include_bytes!("sheet.html");
     ShownCalibration {
@@ -118,38 +118,39 @@ fn calibration() -> ShownCalibration {
     }
 }
 
-/// Feeds of tick after tick, each when it is, what `is_told`; notes how long the page keeps whoever feeds it.
+/// Feeds every tick at its time with the messages that `is_sent` accepts; records how long each
+/// call takes.
 async fn feed(
     state: Arc<PageState>,
     synthetic: Synthetic,
-    is_told: impl Fn(&str) -> bool,
-    held_ns: &Mutex<Vec<u64>>,
+    is_sent: impl Fn(&str) -> bool,
+    call_ns: &Mutex<Vec<u64>>,
 ) {
     let began = Instant::now();
     for tick in 1.. {
         let tick = Tick(tick);
         sleep_until(began + Duration::from_secs_f64(tick.seconds(venue::RATE_HZ))).await;
-        let told = synthetic.messages(tick).into_iter();
-        for (key, bytes, at_us) in told.filter(|(key, ..)| is_told(key)) {
+        let messages = synthetic.messages(tick).into_iter();
+        for (key, bytes, at_us) in messages.filter(|(key, ..)| is_sent(key)) {
             let before = Instant::now();
             state.message(&key, &bytes, at_us);
-            let held = u64::try_from(before.elapsed().as_nanos()).unwrap_or(u64::MAX);
-            held_ns
+            let took = u64::try_from(before.elapsed().as_nanos()).unwrap_or(u64::MAX);
+            call_ns
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
-                .push(held);
+                .push(took);
         }
     }
 }
 
-/// What whoever feeds the page waited for it, on standard error.
-fn tell_held(state: &PageState, held_ns: &Mutex<Vec<u64>>) {
-    let mut held = std::mem::take(&mut *held_ns.lock().unwrap_or_else(PoisonError::into_inner));
-    held.sort_unstable();
-    let us = |share| percentile(&held, share).unwrap_or_default() as f64 / 1e3;
+/// Prints the durations of the calls to standard error.
+fn print_durations(state: &PageState, call_ns: &Mutex<Vec<u64>>) {
+    let mut took = std::mem::take(&mut *call_ns.lock().unwrap_or_else(PoisonError::into_inner));
+    took.sort_unstable();
+    let us = |share| percentile(&took, share).unwrap_or_default() as f64 / 1e3;
     eprintln!(
-        "{} messages, each held its feeder for {:.1} us (P50), {:.1} (P99), {:.1} (P99.9); {} dropped",
-        held.len(),
+        "{} messages, each took {:.1} us (P50), {:.1} (P99), {:.1} (P99.9); {} dropped",
+        took.len(),
         us(0.5),
         us(0.99),
         us(0.999),
@@ -164,22 +165,22 @@ async fn main() -> Result<(), Failure> {
         .init();
     let arguments = arguments()?;
     let (mut venue, skeleton) = (venue::venue(), venue::skeleton());
-    // Of its cameras there are never any, which must be no error on a page that asks for them.
+    // The synthetic cameras have no images; the page must handle that without errors.
     venue.security.pictures = true;
     let keys = Keys::new(&venue.name);
     let epoch_us = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_micros())?;
     let synthetic = Synthetic::new(venue.clone(), arguments.people, epoch_us);
-    let actions = Arc::new(Pretended::default());
+    let actions = Arc::new(FakeActions::default());
     let options = PageOptions {
         actions: Some(Arc::clone(&actions) as Arc<dyn PageActions>),
         calibration: calibration(),
         ..PageOptions::default()
     };
-    let held_ns = Mutex::new(Vec::new());
+    let call_ns = Mutex::new(Vec::new());
     let mut feeding = None;
     let state = if let Some(minutes) = arguments.recording_minutes {
-        let made_up = MadeUp::new(synthetic, i64::from(minutes) * 3600);
-        PageState::recording(venue, skeleton, Box::new(made_up), options)?
+        let recording = SyntheticRecording::new(synthetic, i64::from(minutes) * 3600);
+        PageState::recording(venue, skeleton, Box::new(recording), options)?
     } else {
         let state = if arguments.is_replay {
             PageState::replay(venue, skeleton, options)?
@@ -187,8 +188,9 @@ async fn main() -> Result<(), Failure> {
             PageState::live(venue, skeleton, options)?
         };
         let of_replay = [keys.pose(), keys.event()];
-        let is_told = move |key: &str| !arguments.is_replay || of_replay.iter().any(|of| of == key);
-        feeding = Some(feed(Arc::clone(&state), synthetic, is_told, &held_ns));
+        let is_sent =
+            move |key: &str| !arguments.is_replay || of_replay.iter().any(|known| known == key);
+        feeding = Some(feed(Arc::clone(&state), synthetic, is_sent, &call_ns));
         state
     };
     actions.0.get_or_init(|| Arc::downgrade(&state));
@@ -222,6 +224,6 @@ async fn main() -> Result<(), Failure> {
         () = async { tokio::join!(serving, ending); } => {}
         () = feeding => {}
     }
-    tell_held(&state, &held_ns);
+    print_durations(&state, &call_ns);
     Ok(())
 }

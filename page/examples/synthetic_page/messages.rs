@@ -1,8 +1,10 @@
-//! The messages that the nodes of the made-up venue would send for a tick: a pure function of it.
+//! Messages that the nodes of the synthetic venue would send for a tick: a pure function of the
+//! tick.
 //!
-//! Of every 20 s the last edge is silent for six, and its link is red; of every 30 s one camera is black for five; of every
-//! 40 s one link is too thin for eight.
+//! In every 20 s the last edge is silent for six and its link fails. In every 30 s one camera is
+//! black for five. In every 40 s one link is too slow for eight.
 
+use farfield_page::RecordedMessages;
 use farfield_proto::bounding_box::{BoundingBox, BoxRate};
 use farfield_proto::frames::Point;
 use farfield_proto::grid::CellGrid;
@@ -26,10 +28,10 @@ use nalgebra::Point3;
 use super::people::{is_lost, pose};
 use super::venue::RATE_HZ;
 
-/// A message: its key, its payload, when it passed, microseconds of Unix time.
-pub(crate) type Passed = (String, Vec<u8>, i64);
+/// A message: key, payload, and time, microseconds of Unix time.
+pub(crate) type Timed = (String, Vec<u8>, i64);
 
-/// The made-up venue at work.
+/// The synthetic venue at work.
 pub(crate) struct Synthetic {
     venue: Venue,
     keys: Keys,
@@ -45,7 +47,7 @@ fn viewpoint_index(index: usize) -> ViewpointIndex {
 const SESSION: SessionId = SessionId(0x5e55_1001);
 
 impl Synthetic {
-    /// With so many people, beginning at a Unix time in microseconds.
+    /// A venue with this many people that starts at a Unix time in microseconds.
     pub(crate) fn new(venue: Venue, people: u32, epoch_us: i64) -> Self {
         Self {
             keys: Keys::new(&venue.name),
@@ -55,32 +57,32 @@ impl Synthetic {
         }
     }
 
-    /// When a tick is, microseconds of Unix time.
+    /// Time of a tick, microseconds of Unix time.
     pub(crate) fn tick_us(&self, tick: Tick) -> i64 {
         self.epoch_us + (tick.seconds(RATE_HZ) * 1e6).round() as i64
     }
 
-    /// What passes for a tick, in order.
-    pub(crate) fn messages(&self, tick: Tick) -> Vec<Passed> {
+    /// The messages of a tick, in order.
+    pub(crate) fn messages(&self, tick: Tick) -> Vec<Timed> {
         let (s, tick_us) = (tick.seconds(RATE_HZ), self.tick_us(tick));
         let people: Vec<PersonPose> = (1..=self.people).map(|person| pose(person, tick)).collect();
         let mut passed = Vec::new();
-        let mut say = |key: String, bytes: Vec<u8>, at_us: i64| passed.push((key, bytes, at_us));
+        let mut send = |key: String, bytes: Vec<u8>, at_us: i64| passed.push((key, bytes, at_us));
         for (index, viewpoint) in self.venue.viewpoints.iter().enumerate() {
             let name = &viewpoint.name;
             let boxes = self.boxes(index, tick, &people);
             let chosen = Self::patches(index, tick, &boxes, s);
             let sightings = self.sightings(index, tick);
-            say(self.keys.boxes(name), encode(&boxes), tick_us - 20_000);
+            send(self.keys.boxes(name), encode(&boxes), tick_us - 20_000);
             if self.is_silent(index, s) {
                 continue;
             }
-            // Delays that vary, a little and sometimes more.
+            // Delays vary, a little and sometimes more.
             let number = i64::from(viewpoint_index(index).0);
             let late_us = 9_000 + 1_500 * number + (tick.0 * 7919 + 13 * number) % 3_000;
-            say(self.keys.patch(name), encode(&chosen), tick_us + late_us);
+            send(self.keys.patch(name), encode(&chosen), tick_us + late_us);
             if let Some(sightings) = sightings {
-                say(
+                send(
                     self.keys.sighting(name),
                     encode(&sightings),
                     tick_us + late_us,
@@ -88,7 +90,7 @@ impl Synthetic {
             }
         }
         if let Some(events) = self.events(tick, s) {
-            say(self.keys.event(), encode(&events), tick_us + 18_000);
+            send(self.keys.event(), encode(&events), tick_us + 18_000);
         }
         let hiccup_us = if tick.0 % 97 == 0 { 9_000 } else { 0 };
         let poses = PoseSet {
@@ -96,19 +98,19 @@ impl Synthetic {
             tick,
             persons: people,
         };
-        say(
+        send(
             self.keys.pose(),
             encode(&poses),
             tick_us + 21_000 + hiccup_us,
         );
         if tick.0 % 60 == 0 {
-            self.statuses(tick, s, &mut say);
+            self.statuses(tick, s, &mut send);
         }
         passed.sort_by_key(|(_, _, at_us)| *at_us);
         passed
     }
 
-    /// Whether an edge says nothing.
+    /// Whether an edge is silent.
     fn is_silent(&self, viewpoint: usize, s: f64) -> bool {
         viewpoint + 1 == self.venue.viewpoints.len()
             && s.rem_euclid(20.0) >= 12.0
@@ -164,8 +166,12 @@ impl Synthetic {
             .filter_map(|&joint| self.project(camera, joint))
             .collect();
         let bound = |i: usize| {
-            let of = |fold: fn(f32, f32) -> f32, from| seen.iter().map(|px| px[i]).fold(from, fold);
-            [of(f32::min, f32::INFINITY), of(f32::max, f32::NEG_INFINITY)]
+            let limit =
+                |fold: fn(f32, f32) -> f32, from| seen.iter().map(|px| px[i]).fold(from, fold);
+            [
+                limit(f32::min, f32::INFINITY),
+                limit(f32::max, f32::NEG_INFINITY),
+            ]
         };
         let ([left, right], [top, bottom]) = (bound(0), bound(1));
         (seen.len() > 20).then(|| CameraBox {
@@ -228,7 +234,7 @@ impl Synthetic {
         }
     }
 
-    /// About once a second detectors find everybody; what is shown is one of them.
+    /// About once a second detectors find all people; one of them is used here.
     fn sightings(&self, viewpoint: usize, tick: Tick) -> Option<SightingSet> {
         let camera = *self.venue.viewpoints[viewpoint].cameras.first()?;
         let found = pose(
@@ -281,14 +287,14 @@ impl Synthetic {
         })
     }
 
-    fn statuses(&self, tick: Tick, s: f64, say: &mut impl FnMut(String, Vec<u8>, i64)) {
+    fn statuses(&self, tick: Tick, s: f64, send: &mut impl FnMut(String, Vec<u8>, i64)) {
         let at_us = self.tick_us(tick) + 25_000;
         let mut links = Vec::new();
         for (index, viewpoint) in self.venue.viewpoints.iter().enumerate() {
             let is_silent = self.is_silent(index, s);
             links.push(self.link(index, tick, is_silent));
             if !is_silent {
-                self.say_one(&viewpoint.name, &self.edge(index, tick, s), at_us, say);
+                self.send_one(&viewpoint.name, &self.edge(index, tick, s), at_us, send);
             }
         }
         let live = LiveStatus {
@@ -312,18 +318,18 @@ impl Synthetic {
             };
             self.venue.viewpoints.len()
         ];
-        self.say_one("fusion", &status, at_us, say);
+        self.send_one("fusion", &status, at_us, send);
     }
 
-    fn say_one(
+    fn send_one(
         &self,
         name: &str,
         status: &Status,
         at_us: i64,
-        say: &mut impl FnMut(String, Vec<u8>, i64),
+        send: &mut impl FnMut(String, Vec<u8>, i64),
     ) {
         debug_assert_eq!(status.check(), Ok(()));
-        say(self.keys.status(name), encode(status), at_us);
+        send(self.keys.status(name), encode(status), at_us);
     }
 
     fn link(&self, index: usize, tick: Tick, is_silent: bool) -> EdgeLink {
@@ -420,5 +426,51 @@ fn node(name: &str, tick: Tick, live: LiveStatus, stages: &[(&str, u32)]) -> Sta
             ..NodeHealth::default()
         },
         agreement: Vec::new(),
+    }
+}
+
+/// A recording that is generated while it is read.
+pub(crate) struct SyntheticRecording {
+    synthetic: Synthetic,
+    ticks: i64,
+}
+
+impl SyntheticRecording {
+    /// Covers ticks 0 to `ticks`.
+    pub(crate) fn new(synthetic: Synthetic, ticks: i64) -> Self {
+        Self { synthetic, ticks }
+    }
+}
+
+impl RecordedMessages for SyntheticRecording {
+    fn span_us(&self) -> [i64; 2] {
+        [
+            self.synthetic.tick_us(Tick(0)),
+            self.synthetic.tick_us(Tick(self.ticks)),
+        ]
+    }
+
+    fn read(
+        &mut self,
+        from_us: i64,
+        to_us: i64,
+        visit: &mut dyn FnMut(&str, &[u8], i64),
+    ) -> Result<(), String> {
+        let period_us = self.synthetic.tick_us(Tick(60)) - self.synthetic.tick_us(Tick(0));
+        let tick = |us: i64| (us - self.synthetic.tick_us(Tick(0))) * 60 / period_us;
+        let (first, last) = (
+            (tick(from_us) - 10).max(0),
+            (tick(to_us) + 10).min(self.ticks),
+        );
+        let mut all: Vec<_> = (first..=last)
+            .flat_map(|t| self.synthetic.messages(Tick(t)))
+            .collect();
+        all.sort_by_key(|(_, _, at_us)| *at_us);
+        for (key, bytes, at_us) in all {
+            if (from_us..to_us).contains(&at_us) {
+                visit(&key, &bytes, at_us);
+            }
+        }
+        Ok(())
     }
 }

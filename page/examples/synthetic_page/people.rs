@@ -10,23 +10,23 @@ use nalgebra::{Point3, Vector3};
 
 use super::venue::{ANGLES, HALF_FIELD_M, JOINTS, RATE_HZ};
 
-/// Every so many seconds somebody is lost from sight, for [`LOST_S`].
+/// Period in which a person is lost for [`LOST_S`], seconds, times 1/4.
 const LOSING_S: f64 = 15.0;
 const LOST_S: f64 = 3.0;
 
-/// Where somebody is and how far in its step, at a time in seconds.
+/// Position and phase of a walking person.
 struct Walk {
     at: Point3<f64>,
     forward: Vector3<f64>,
     left: Vector3<f64>,
     phase_rad: f64,
-    /// How far the limbs swing, radians.
+    /// Amplitude of the limbs, radians.
     swing_rad: f64,
     size: f64,
 }
 
 impl Walk {
-    fn of(person: u32, s: f64) -> Self {
+    fn at_time(person: u32, s: f64) -> Self {
         let n = f64::from(person);
         let lane = (n * 0.618_034).fract();
         let radius = 0.25 + 0.7 * lane;
@@ -46,7 +46,7 @@ impl Walk {
         }
     }
 
-    /// A point of the body: forward, to the left, up from the floor, metres of a person of ordinary size.
+    /// A point of the body: forward, left, up from the floor, metres for a person of average size.
     fn point(&self, [x, y, z]: [f64; 3]) -> [f32; 3] {
         let p = self.at + self.size * (x * self.forward + y * self.left + z * Vector3::z());
         [p.x as f32, p.y as f32, p.z as f32]
@@ -63,7 +63,7 @@ fn side(walk: &Walk, is_left: bool) -> [f64; 4] {
     [hip, knee, shoulder, elbow]
 }
 
-/// Joints that do not swing: forward, to the left, up from the floor, metres.
+/// Joints that do not swing: forward, left, up from the floor, metres.
 const TRUNK_AND_HEAD: [(&str, [f64; 3]); 11] = [
     ("pelvis", [0.0, 0.0, 0.95]),
     ("spine", [0.0, 0.0, 1.08]),
@@ -78,10 +78,10 @@ const TRUNK_AND_HEAD: [(&str, [f64; 3]); 11] = [
     ("right_scapula", [-0.03, -0.04, 1.42]),
 ];
 
-/// Somebody at a tick; person ids count from 1.
+/// Pose of a person at a tick; person ids start at 1.
 pub(crate) fn pose(person: u32, tick: Tick) -> PersonPose {
     let s = tick.seconds(RATE_HZ);
-    let walk = Walk::of(person, s);
+    let walk = Walk::at_time(person, s);
     let is_lost = is_lost(person, s);
     let mut joints = vec![[0.0; 3]; JOINTS.len()];
     let mut set = |name: &str, at: [f64; 3]| {
@@ -153,19 +153,19 @@ pub(crate) fn pose(person: u32, tick: Tick) -> PersonPose {
     }
 }
 
-/// The three angles of each foot, of which 17 keypoints tell nothing.
+/// The three angles of each foot, which 17 keypoints do not determine.
 const FEET: u64 = 0b111 << 23 | 0b111 << 37;
 
-/// Whether somebody is seen by nobody at a time: one after the other.
+/// Whether a person is seen by no camera at a time; people are lost one after another.
 pub(crate) fn is_lost(person: u32, s: f64) -> bool {
     s > 1.0 && (s + 1.7 * f64::from(person)).rem_euclid(LOSING_S * 4.0) < LOST_S
 }
 
 fn keypoints(joints: &[[f32; 3]]) -> Vec<[f32; 3]> {
-    let of = |name: &&str| JOINTS.iter().position(|(known, _)| known == name);
+    let index_of = |name: &&str| JOINTS.iter().position(|(known, _)| known == name);
     let found = COCO17
         .iter()
-        .map(|name| of(name).and_then(|index| joints.get(index)));
+        .map(|name| index_of(name).and_then(|index| joints.get(index)));
     found
         .map(|joint| joint.copied().unwrap_or_default())
         .collect()

@@ -1,4 +1,5 @@
-//! A venue that is made up: four viewpoints around a field, two cameras each; and the names of bodies as fusion has them.
+//! A synthetic venue: four viewpoints around a field with two cameras each, and the names of bodies
+//! as in fusion.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -93,7 +94,7 @@ pub(crate) const ANGLES: [(&str, Option<[f32; 2]>); 40] = [
     ("foot_rotation_l", Some([-10.0, 20.0])),
 ];
 
-/// The skeleton of the made-up people.
+/// The skeleton of the synthetic people.
 pub(crate) fn skeleton() -> Skeleton {
     let angles = ANGLES
         .iter()
@@ -114,7 +115,7 @@ pub(crate) fn skeleton() -> Skeleton {
 /// The venue.
 ///
 /// # Panics
-/// Never: what it reads it has written.
+/// Never: the texts that it parses are written here.
 pub(crate) fn venue() -> Venue {
     let [x, y] = HALF_FIELD_M;
     let corners = [[x, y], [-x, y], [-x, -y], [x, -y]];

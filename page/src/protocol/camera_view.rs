@@ -1,11 +1,11 @@
-//! Kind 2: what one camera is asked for and sees at a tick: boxes, projected keypoints, sightings. Sent to who chose the camera.
+//! Kind 2: boxes, projected keypoints and sightings of one camera at a tick. Sent to clients that
+//! selected the camera.
 
 use farfield_proto::bounding_box::BoundingBox;
 use farfield_proto::id::{CameraIndex, PersonId};
 use farfield_proto::tick::Tick;
 
-use super::reader::Reader;
-use super::{PROTOCOL, ReadError};
+use super::{PROTOCOL, ReadError, Reader};
 
 /// The kind of this message.
 pub const KIND: u8 = 2;
@@ -14,15 +14,15 @@ const HEAD_BYTES: usize = 24;
 const PERSON_HEAD_BYTES: usize = 28;
 /// Bytes of a sighting before its keypoints.
 const SIGHTING_HEAD_BYTES: usize = 4;
-/// Steps of keypoints in a pixel.
+/// Keypoint units per pixel.
 const PER_PX: f32 = 4.0;
-/// Both coordinates of a keypoint that is not in the picture's reach.
+/// Both coordinates of a keypoint out of range.
 const NOWHERE: i16 = i16::MIN;
 const HAS_BOX: u8 = 1;
 const IS_CHOSEN: u8 = 2;
 const HAS_KEYPOINTS: u8 = 4;
 
-/// What a camera sees of a tick; pixels are undistorted.
+/// What a camera sees at a tick; pixels are undistorted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraView {
     /// The camera.
@@ -33,7 +33,7 @@ pub struct CameraView {
     pub tick: Tick,
     /// Keypoints of every person.
     pub keypoints: u8,
-    /// The people that fusion follows.
+    /// The tracked people.
     pub persons: Vec<ViewedPerson>,
     /// People that the detector found without a box.
     pub sightings: Vec<ViewedSighting>,
@@ -42,22 +42,22 @@ pub struct CameraView {
 /// One person in one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewedPerson {
-    /// Who.
+    /// Its id.
     pub id: PersonId,
-    /// Where fusion predicted the person.
+    /// Predicted image region.
     pub bounding_box: Option<BoundingBox>,
-    /// Whether the edge took the person's crop from this camera.
+    /// Whether the edge cropped the person from this camera.
     pub is_chosen: bool,
-    /// The pose's keypoints, projected, pixels; `None` for one that is not in reach. Empty: they are not known.
+    /// Projected keypoints of the pose, pixels; `None` if out of range. Empty if unknown.
     pub keypoints_px: Vec<Option<[f32; 2]>>,
 }
 
-/// One person that a detector found.
+/// One detected person.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewedSighting {
     /// The detector's confidence, 0 to 1.
     pub score: f32,
-    /// The keypoints' best peaks, pixels.
+    /// The best peak of each keypoint, pixels.
     pub keypoints_px: Vec<Option<[f32; 2]>>,
 }
 
@@ -88,7 +88,7 @@ fn read_keypoints(
 }
 
 impl CameraView {
-    /// The message as bytes.
+    /// Encodes the message.
     pub fn encode(&self) -> Vec<u8> {
         let most = usize::from(u16::MAX);
         let (n, s) = (self.persons.len().min(most), self.sightings.len().min(most));
@@ -108,9 +108,9 @@ impl CameraView {
                 | flag(person.is_chosen, IS_CHOSEN)
                 | flag(!person.keypoints_px.is_empty(), HAS_KEYPOINTS);
             bytes.extend([flags, 0, 0, 0]);
-            let [cx, cy, w, h, turn] = person.bounding_box.map_or([0.0; 5], |of| {
-                let ([cx, cy], [w, h]) = (of.center_px, of.size_px);
-                [cx, cy, w, h, of.rotation_rad]
+            let [cx, cy, w, h, turn] = person.bounding_box.map_or([0.0; 5], |it| {
+                let ([cx, cy], [w, h]) = (it.center_px, it.size_px);
+                [cx, cy, w, h, it.rotation_rad]
             });
             for number in [cx, cy, w, h, turn] {
                 bytes.extend(number.to_le_bytes());
@@ -124,12 +124,12 @@ impl CameraView {
         bytes
     }
 
-    /// Reads a message.
+    /// Decodes a message.
     ///
     /// # Errors
-    /// [`ReadError`] where the bytes are no such message.
+    /// [`ReadError`] if the bytes are not such a message.
     pub fn decode(bytes: &[u8]) -> Result<Self, ReadError> {
-        let reader = Reader::of_kind(bytes, KIND)?;
+        let reader = Reader::with_kind(bytes, KIND)?;
         let (n, s) = (usize::from(reader.u16(16)?), usize::from(reader.u16(18)?));
         let keypoints = reader.u8(20)?;
         let person_bytes = PERSON_HEAD_BYTES + 4 * usize::from(keypoints);
@@ -180,7 +180,7 @@ mod tests {
     use super::*;
 
     fn keypoints(n: usize) -> impl Strategy<Value = Vec<Option<[f32; 2]>>> {
-        // Quarter pixels, so that nothing is lost on the way.
+        // Quarter pixels, so that encoding is lossless.
         let one = prop::option::of((-8000i16..8000, -8000i16..8000));
         let exact = |(x, y): (i16, i16)| [f32::from(x) / 4.0, f32::from(y) / 4.0];
         prop::collection::vec(one.prop_map(move |px| px.map(exact)), n)
@@ -233,12 +233,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_is_read_again(view in any_view()) {
+        fn camera_views_round_trip(view in any_view()) {
             prop_assert_eq!(CameraView::decode(&view.encode()).unwrap(), view);
         }
 
         #[test]
-        fn bytes_of_strangers_are_a_view_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        fn arbitrary_bytes_are_a_view_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
             let mut begun = vec![PROTOCOL, KIND];
             begun.extend(bytes);
             let _read = CameraView::decode(&begun);
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_keypoint_out_of_reach_is_nowhere() {
+    fn keypoints_out_of_range_have_a_special_code() {
         assert_eq!(quarter_px(Some([9000.0, 3.0])), [NOWHERE; 2]);
         assert_eq!(quarter_px(Some([f32::NAN, 3.0])), [NOWHERE; 2]);
         assert_eq!(quarter_px(Some([-1.13, 3.0])), [-5, 12]);

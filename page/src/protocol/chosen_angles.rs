@@ -1,30 +1,30 @@
-//! Kind 3: the angles that a client has chosen, of the people that it has chosen, at a tick.
+//! Kind 3: the selected angles of the selected people at a tick.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::tick::Tick;
 
-use super::reader::Reader;
-use super::{PROTOCOL, ReadError};
+use super::{PROTOCOL, ReadError, Reader};
 
 /// The kind of this message.
 pub const KIND: u8 = 3;
 const HEAD_BYTES: usize = 24;
 
-/// Chosen angles of chosen people.
+/// Selected angles of selected people.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChosenAngles {
     /// The lower half of fusion's session.
     pub session: u32,
     /// The tick.
     pub tick: Tick,
-    /// Angles of every person, at most 255.
+    /// Number of angles per person, at most 255.
     pub angles: u8,
-    /// Who is there, and the angles in the order of the request, each in its unit; 0 where a person lacks one.
+    /// The people that are present, with angles in the order of the request, each in its unit; 0
+    /// for missing ones.
     pub persons: Vec<(PersonId, Vec<f32>)>,
 }
 
 impl ChosenAngles {
-    /// The message as bytes.
+    /// Encodes the message.
     pub fn encode(&self) -> Vec<u8> {
         let n = self.persons.len().min(usize::from(u16::MAX));
         let mut bytes = Vec::with_capacity(HEAD_BYTES + n * (4 + 4 * usize::from(self.angles)));
@@ -42,12 +42,12 @@ impl ChosenAngles {
         bytes
     }
 
-    /// Reads a message.
+    /// Decodes a message.
     ///
     /// # Errors
-    /// [`ReadError`] where the bytes are no such message.
+    /// [`ReadError`] if the bytes are not such a message.
     pub fn decode(bytes: &[u8]) -> Result<Self, ReadError> {
-        let reader = Reader::of_kind(bytes, KIND)?;
+        let reader = Reader::with_kind(bytes, KIND)?;
         let (n, angles) = (usize::from(reader.u16(2)?), reader.u8(16)?);
         let stride = 4 + 4 * usize::from(angles);
         reader.holds(HEAD_BYTES + n * stride)?;
@@ -73,7 +73,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_is_read_again(
+        fn chosen_angles_round_trip(
             session: u32,
             tick: i64,
             values in prop::collection::vec((any::<u32>(), prop::collection::vec(-3.0f32..3.0, 4)), 0..9),
@@ -88,7 +88,7 @@ mod tests {
         }
 
         #[test]
-        fn bytes_of_strangers_are_angles_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..100)) {
+        fn arbitrary_bytes_are_angles_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..100)) {
             let mut begun = vec![PROTOCOL, KIND];
             begun.extend(bytes);
             let _read = ChosenAngles::decode(&begun);

@@ -1,8 +1,9 @@
-//! One example of every binary message and of the venue, byte for byte, as `page/golden/` has it. `UPDATE_GOLDEN=1` writes the files anew:
-//! only for a new kind of message, or together with a new version of the protocol.
+//! Compares one example of every binary message and of the venue with the files in `page/golden/`.
+//! `UPDATE_GOLDEN=1` rewrites the files: only for a new kind of message, or with a new protocol
+//! version.
 //!
-//! The examples are made by hand, with every field different from its neighbours, and written down a second time in
-//! `page/golden/README.md`, from which the page's test reads them.
+//! The examples are written by hand, with distinct values in adjacent fields.
+//! `page/golden/README.md` repeats them for the page's test.
 
 use std::fs;
 use std::path::PathBuf;
@@ -17,7 +18,7 @@ use super::chosen_angles::ChosenAngles;
 use super::text::{ActionKind, Mode};
 use super::tick::{JointGrid, TickMessage, TickPerson};
 use super::venue;
-use crate::state::fixture::venue as made_up;
+use crate::state::fixture::venue as synthetic;
 
 const SESSION: u32 = 0x0102_0304;
 const TICK: Tick = Tick(1_000_000_007);
@@ -29,9 +30,9 @@ fn check(name: &str, encoded: &[u8]) {
     if std::env::var_os("UPDATE_GOLDEN").is_some() {
         fs::write(&path, encoded).unwrap();
     }
-    let kept = fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let stored = fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     assert_eq!(
-        kept, encoded,
+        stored, encoded,
         "{name}: the bytes of the protocol have changed"
     );
 }
@@ -116,39 +117,39 @@ fn chosen_angles() -> ChosenAngles {
 }
 
 #[test]
-fn the_people_of_a_tick_have_the_bytes_that_they_always_had() {
+fn tick_messages_match_the_golden_file() {
     let encoded = tick().encode();
     check("tick.bin", &encoded);
     assert_eq!(TickMessage::decode(&encoded), Ok(tick()));
 }
 
 #[test]
-fn what_a_camera_sees_has_the_bytes_that_it_always_had() {
+fn camera_views_match_the_golden_file() {
     let encoded = camera_view().encode();
     check("camera_view.bin", &encoded);
     assert_eq!(CameraView::decode(&encoded), Ok(camera_view()));
 }
 
 #[test]
-fn chosen_angles_have_the_bytes_that_they_always_had() {
+fn chosen_angles_match_the_golden_file() {
     let encoded = chosen_angles().encode();
     check("chosen_angles.bin", &encoded);
     assert_eq!(ChosenAngles::decode(&encoded), Ok(chosen_angles()));
 }
 
 #[test]
-fn a_venue_is_told_as_it_always_was() {
-    let (venue, skeleton) = (made_up::venue(), made_up::skeleton());
+fn the_venue_document_matches_the_golden_file() {
+    let (venue, skeleton) = (synthetic::venue(), synthetic::skeleton());
     let document = venue::document(&venue, &skeleton, Mode::Live, &[ActionKind::NamePerson]);
     let release = format!("\"release\":\"{}\"", env!("CARGO_PKG_VERSION"));
     assert!(document.contains(&release));
-    // The next release tells the same.
+    // Independent of the release.
     let document = document.replace(&release, "\"release\":\"0.0.0\"");
     check("venue.json", format!("{document}\n").as_bytes());
 }
 
 #[test]
-fn the_head_of_a_tick_stands_where_the_manual_says() {
+fn tick_fields_are_at_the_documented_offsets() {
     let bytes = tick().encode();
     assert_eq!(bytes[..4], [1, 1, 1, 0]);
     assert_eq!(bytes[4..8], [4, 3, 2, 1]);

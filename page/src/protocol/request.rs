@@ -1,82 +1,94 @@
-//! What a client may send: [`parse`] is the only way in, bounded before anything is read.
+//! Requests of clients. [`parse`] is the only entry point, and limits the size before parsing.
 
 use farfield_proto::tick::Tick;
 use serde::Deserialize;
 
-/// Longest message of a client, bytes.
+use super::text::ActionKind;
+
+/// Maximum size of a message, bytes.
 pub const MAX_REQUEST_BYTES: usize = 4096;
-/// Most people whose angles one client is sent.
+/// Maximum number of people whose angles a client may select.
 pub const MAX_CHOSEN_PERSONS: usize = 8;
-/// Most angles of each.
+/// Maximum number of selected angles.
 pub const MAX_CHOSEN_ANGLES: usize = 16;
-/// Longest name of a person, characters.
+/// Maximum length of a person's name, characters.
 pub const MAX_NAME_CHARS: usize = 64;
-/// Fastest and slowest play, times real time, either way.
+/// Minimum and maximum playback speed relative to real time, in both directions.
 const SPEEDS: [f64; 2] = [0.01, 8.0];
-/// Least and most ticks a second that a client may want.
+/// Minimum and maximum tick rate that a client may request.
 const RATES_HZ: [f64; 2] = [0.1, 1000.0];
-/// Largest number of a request: JavaScript's numbers are exact up to here.
+/// Maximum number of a request: JavaScript's integers are exact up to here.
 const MAX_NUMBER: u64 = 1 << 53;
 
 /// One message of a client.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
-    /// The number that the answer repeats; without one there is no answer unless something is wrong.
+    /// Number that the answer repeats; without one, only failures are answered.
     pub number: Option<u64>,
-    /// What it wants.
-    pub wish: Wish,
+    /// The command.
+    pub command: Command,
 }
 
-/// What a client wants.
+/// A command of a client.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Wish {
-    /// Follow what is new.
+pub enum Command {
+    /// Follow the newest tick.
     Live,
-    /// Stay.
+    /// Pause.
     Pause,
-    /// Go to a tick and stay.
+    /// Jump to a tick and pause.
     Seek(Tick),
-    /// Go by so many ticks and stay.
+    /// Move by a number of ticks and pause.
     Step(i64),
-    /// Play from where it is.
+    /// Play from the current position.
     Play {
-        /// Times real time, not 0.
+        /// Speed relative to real time, not 0.
         speed: f64,
-        /// First and last tick of what is repeated.
+        /// First and last tick of the repeated range.
         repeat: Option<[Tick; 2]>,
     },
-    /// Send what a camera sees; `None`: of none.
+    /// Select the camera to view; `None` for none.
     Camera(Option<u16>),
-    /// Send angles.
+    /// Select angles.
     Angles {
-        /// Of whom.
+        /// People.
         persons: Vec<u32>,
-        /// Which.
+        /// Indices of the angles.
         angles: Vec<u16>,
     },
-    /// Send at most so many ticks a second; `None`: all.
+    /// Limit the ticks per second; `None` for no limit.
     Rate(Option<f64>),
-    /// Something that is done for all, and needs the token.
+    /// An action for all clients; requires the token.
     Act(Action),
 }
 
-/// What is done for all clients, by who runs the server.
+/// An action for all clients, performed by the host program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Action {
-    /// Give a person a name; empty: take it away.
+    /// Name a person; an empty name removes it.
     NamePerson {
-        /// Who.
+        /// The person.
         person: u32,
-        /// At most [`MAX_NAME_CHARS`] characters, none of them a control character.
+        /// At most [`MAX_NAME_CHARS`] characters, without control characters.
         name: String,
     },
-    /// Begin a recording.
+    /// Start a recording.
     StartRecording,
-    /// End it.
+    /// Stop it.
     StopRecording,
 }
 
-/// Why a message is not understood.
+impl Action {
+    /// The kind of this action.
+    pub fn kind(&self) -> ActionKind {
+        match self {
+            Self::NamePerson { .. } => ActionKind::NamePerson,
+            Self::StartRecording | Self::StopRecording => ActionKind::Record,
+        }
+    }
+}
+
+/// Why a message is invalid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RequestError {
     /// It is too long.
@@ -85,30 +97,30 @@ pub enum RequestError {
         /// Its length.
         got: usize,
     },
-    /// It is not one of the messages of the protocol.
+    /// It is not a message of the protocol.
     #[error("not understood: {0}")]
     NotUnderstood(String),
-    /// A number or a text is outside what is allowed.
+    /// A number or text is out of range.
     #[error("`{field}`: expected {expected}")]
     OutOfRange {
-        /// Which field.
+        /// The field.
         field: &'static str,
-        /// What it may be.
+        /// The allowed values.
         expected: String,
     },
 }
 
-/// A message as it is written.
+/// The serialised form of a message.
 #[derive(Deserialize)]
 struct Numbered {
     request: Option<u64>,
     #[serde(flatten)]
-    wish: WrittenWish,
+    command: SerializedCommand,
 }
 
 #[derive(Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case")]
-enum WrittenWish {
+enum SerializedCommand {
     Live,
     Pause,
     Seek {
@@ -139,10 +151,10 @@ enum WrittenWish {
     StopRecording,
 }
 
-/// Reads what a client sent.
+/// Parses a client's message.
 ///
 /// # Errors
-/// [`RequestError`] in words for whoever wrote the client.
+/// [`RequestError`] with a message for the author of the client.
 pub fn parse(text: &str) -> Result<Request, RequestError> {
     if text.len() > MAX_REQUEST_BYTES {
         return Err(RequestError::TooLong { got: text.len() });
@@ -154,7 +166,7 @@ pub fn parse(text: &str) -> Result<Request, RequestError> {
     }
     Ok(Request {
         number: read.request,
-        wish: wish(read.wish)?,
+        command: command(read.command)?,
     })
 }
 
@@ -165,13 +177,13 @@ fn out_of_range(field: &'static str, expected: impl Into<String>) -> RequestErro
     }
 }
 
-fn wish(written: WrittenWish) -> Result<Wish, RequestError> {
+fn command(written: SerializedCommand) -> Result<Command, RequestError> {
     Ok(match written {
-        WrittenWish::Live => Wish::Live,
-        WrittenWish::Pause => Wish::Pause,
-        WrittenWish::Seek { tick } => Wish::Seek(Tick(tick)),
-        WrittenWish::Step { ticks } => Wish::Step(ticks),
-        WrittenWish::Play { speed, r#loop } => {
+        SerializedCommand::Live => Command::Live,
+        SerializedCommand::Pause => Command::Pause,
+        SerializedCommand::Seek { tick } => Command::Seek(Tick(tick)),
+        SerializedCommand::Step { ticks } => Command::Step(ticks),
+        SerializedCommand::Play { speed, r#loop } => {
             let speed = speed.unwrap_or(1.0);
             if !(SPEEDS[0]..=SPEEDS[1]).contains(&speed.abs()) {
                 return Err(out_of_range("speed", "-8 to 8, and not 0"));
@@ -183,10 +195,10 @@ fn wish(written: WrittenWish) -> Result<Wish, RequestError> {
                 ));
             }
             let repeat = r#loop.map(|ticks| ticks.map(Tick));
-            Wish::Play { speed, repeat }
+            Command::Play { speed, repeat }
         }
-        WrittenWish::Camera { camera } => Wish::Camera(camera),
-        WrittenWish::Angles { persons, angles } => {
+        SerializedCommand::Camera { camera } => Command::Camera(camera),
+        SerializedCommand::Angles { persons, angles } => {
             if persons.len() > MAX_CHOSEN_PERSONS {
                 return Err(out_of_range(
                     "persons",
@@ -199,24 +211,24 @@ fn wish(written: WrittenWish) -> Result<Wish, RequestError> {
                     format!("at most {MAX_CHOSEN_ANGLES}"),
                 ));
             }
-            Wish::Angles { persons, angles }
+            Command::Angles { persons, angles }
         }
-        WrittenWish::Rate { hz } => {
+        SerializedCommand::Rate { hz } => {
             if hz.is_some_and(|hz| !(RATES_HZ[0]..=RATES_HZ[1]).contains(&hz)) {
                 return Err(out_of_range("hz", "0.1 to 1000"));
             }
-            Wish::Rate(hz)
+            Command::Rate(hz)
         }
-        WrittenWish::NamePerson { person, name } => Wish::Act(Action::NamePerson {
+        SerializedCommand::NamePerson { person, name } => Command::Act(Action::NamePerson {
             person,
             name: checked_name(&name)?,
         }),
-        WrittenWish::StartRecording => Wish::Act(Action::StartRecording),
-        WrittenWish::StopRecording => Wish::Act(Action::StopRecording),
+        SerializedCommand::StartRecording => Command::Act(Action::StartRecording),
+        SerializedCommand::StopRecording => Command::Act(Action::StopRecording),
     })
 }
 
-/// The name without blanks around it.
+/// The name without surrounding blanks.
 fn checked_name(name: &str) -> Result<String, RequestError> {
     let name = name.trim();
     if name.chars().count() > MAX_NAME_CHARS || name.chars().any(char::is_control) {
@@ -232,67 +244,70 @@ mod tests {
 
     use super::*;
 
-    fn wish_of(text: &str) -> Wish {
-        parse(text).unwrap().wish
+    fn command_of(text: &str) -> Command {
+        parse(text).unwrap().command
     }
 
     #[test]
-    fn every_message_of_the_manual_is_understood() {
-        assert_eq!(wish_of(r#"{"do": "live"}"#), Wish::Live);
-        assert_eq!(wish_of(r#"{"do": "pause"}"#), Wish::Pause);
+    fn every_message_of_the_manual_is_parsed() {
+        assert_eq!(command_of(r#"{"do": "live"}"#), Command::Live);
+        assert_eq!(command_of(r#"{"do": "pause"}"#), Command::Pause);
         assert_eq!(
-            wish_of(r#"{"do": "seek", "tick": 980}"#),
-            Wish::Seek(Tick(980))
+            command_of(r#"{"do": "seek", "tick": 980}"#),
+            Command::Seek(Tick(980))
         );
-        assert_eq!(wish_of(r#"{"do": "step", "ticks": -1}"#), Wish::Step(-1));
-        let play = Wish::Play {
+        assert_eq!(
+            command_of(r#"{"do": "step", "ticks": -1}"#),
+            Command::Step(-1)
+        );
+        let play = Command::Play {
             speed: 0.25,
             repeat: Some([Tick(900), Tick(990)]),
         };
         assert_eq!(
-            wish_of(r#"{"do": "play", "speed": 0.25, "loop": [900, 990]}"#),
+            command_of(r#"{"do": "play", "speed": 0.25, "loop": [900, 990]}"#),
             play
         );
         assert_eq!(
-            wish_of(r#"{"do": "camera", "camera": 3}"#),
-            Wish::Camera(Some(3))
+            command_of(r#"{"do": "camera", "camera": 3}"#),
+            Command::Camera(Some(3))
         );
         assert_eq!(
-            wish_of(r#"{"do": "camera", "camera": null}"#),
-            Wish::Camera(None)
+            command_of(r#"{"do": "camera", "camera": null}"#),
+            Command::Camera(None)
         );
-        let angles = Wish::Angles {
+        let angles = Command::Angles {
             persons: vec![3],
             angles: vec![12, 13],
         };
         assert_eq!(
-            wish_of(r#"{"do": "angles", "persons": [3], "angles": [12, 13]}"#),
+            command_of(r#"{"do": "angles", "persons": [3], "angles": [12, 13]}"#),
             angles
         );
         assert_eq!(
-            wish_of(r#"{"do": "rate", "hz": 30}"#),
-            Wish::Rate(Some(30.0))
+            command_of(r#"{"do": "rate", "hz": 30}"#),
+            Command::Rate(Some(30.0))
         );
         let named = parse(r#"{"do": "name_person", "person": 3, "name": " Anna ", "request": 12}"#)
             .unwrap();
         assert_eq!(named.number, Some(12));
         let name = "Anna".to_owned();
         assert_eq!(
-            named.wish,
-            Wish::Act(Action::NamePerson { person: 3, name })
+            named.command,
+            Command::Act(Action::NamePerson { person: 3, name })
         );
         assert_eq!(
-            wish_of(r#"{"do": "start_recording"}"#),
-            Wish::Act(Action::StartRecording)
+            command_of(r#"{"do": "start_recording"}"#),
+            Command::Act(Action::StartRecording)
         );
         assert_eq!(
-            wish_of(r#"{"do": "stop_recording"}"#),
-            Wish::Act(Action::StopRecording)
+            command_of(r#"{"do": "stop_recording"}"#),
+            Command::Act(Action::StopRecording)
         );
     }
 
     #[test]
-    fn what_is_out_of_range_is_refused_by_the_name_of_its_field() {
+    fn values_out_of_range_are_refused_with_their_field() {
         for (text, field) in [
             (r#"{"do": "play", "speed": 0}"#.to_owned(), "speed"),
             (r#"{"do": "play", "speed": 9}"#.to_owned(), "speed"),

@@ -1,4 +1,4 @@
-//! How a venue is: what the `status` message holds. Everything that is not known is `null`.
+//! Status of a venue: content of the `status` message. Unknown values are `null`.
 
 use farfield_proto::message::StageTime;
 use farfield_proto::message::agreement::CameraAgreement;
@@ -7,49 +7,49 @@ use serde::Serialize;
 
 use super::text::json;
 
-/// How bad something is.
+/// Severity of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Red: something does not work, and somebody must look after it.
+    /// Red: something does not work and needs attention.
     Failed,
-    /// It works, and is not as it should be.
+    /// It works, but not properly.
     Warning,
 }
 
-/// Something that is wrong, in words, with what mends it.
+/// A problem, with its description and remedy.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Alarm {
-    /// How bad.
+    /// Its severity.
     pub severity: Severity,
-    /// The same for as long as the alarm lasts.
+    /// Constant while the alarm lasts.
     pub key: String,
-    /// What it is about.
+    /// The affected node, link or camera.
     pub subject: String,
-    /// What is wrong.
+    /// Description of the problem.
     pub text: String,
-    /// What mends it.
+    /// Remedy.
     pub remedy: String,
-    /// Since when, microseconds of Unix time.
+    /// Start time, microseconds of Unix time.
     pub since_us: i64,
 }
 
-/// How a node or a link is.
+/// Condition of a node or link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Condition {
-    /// As it should be.
+    /// Healthy.
     Works,
-    /// It works, and somebody should know something.
+    /// It works, with a warning.
     Warning,
     /// It does not work.
     Failed,
-    /// Nothing was heard of it yet.
+    /// No data yet.
     Unknown,
 }
 
 impl From<Option<Severity>> for Condition {
-    /// Of what is heard of, by its worst alarm.
+    /// From the worst alarm of a node or link that has reported.
     fn from(worst: Option<Severity>) -> Self {
         match worst {
             Some(Severity::Failed) => Self::Failed,
@@ -65,9 +65,9 @@ impl From<Option<Severity>> for Condition {
 pub struct StatusDocument {
     /// The newest tick with poses.
     pub tick: Option<Tick>,
-    /// As of when, microseconds of Unix time.
+    /// Time of the status, microseconds of Unix time.
     pub at_us: i64,
-    /// What is wrong: red first, then the oldest.
+    /// Alarms: failures first, then the oldest.
     pub alarms: Vec<Alarm>,
     /// Fusion, then the edges in the venue's order.
     pub nodes: Vec<NodeLine>,
@@ -75,20 +75,20 @@ pub struct StatusDocument {
     pub links: Vec<LinkLine>,
     /// All cameras of the venue.
     pub cameras: Vec<CameraLine>,
-    /// How long poses take.
+    /// Latency of poses.
     pub latency: Latency,
-    /// How many people.
+    /// Number of people.
     pub people: People,
     /// Poses in the last second.
     pub poses_per_s: f64,
-    /// Whether there is a recording; `None` where nobody says.
+    /// State of the recording; `None` if unknown.
     pub recording: Option<RecordingState>,
     /// The page's own feed.
     pub page: PageCounts,
 }
 
 impl StatusDocument {
-    /// The message as it is sent.
+    /// The message as JSON.
     pub fn to_json(&self) -> String {
         json(self)
     }
@@ -106,12 +106,12 @@ pub struct NodeLine {
     pub kind: &'static str,
     pub viewpoint: Option<u16>,
     pub state: Condition,
-    /// How long ago its last status came, seconds.
+    /// Seconds since its last status.
     pub heard_ago_s: Option<f64>,
     pub release: String,
     pub ready: bool,
     pub tick: Option<Tick>,
-    /// Between its last two statuses.
+    /// Derived from its last two statuses.
     pub ticks_per_s: Option<f64>,
     pub backend: String,
     pub failure: Option<String>,
@@ -126,18 +126,18 @@ pub struct NodeLine {
 /// The clock of a node's system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct ClockLine {
-    /// Whether something keeps it right.
+    /// Whether it is synchronised.
     pub synchronised: bool,
-    /// By how much it may be wrong, microseconds.
+    /// Maximum error, microseconds.
     pub max_error_us: Option<u32>,
 }
 
-/// How long one stage of a node takes.
+/// Duration of one stage of a node.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct StageLine {
     /// Its name.
     pub stage: String,
-    /// Measurements.
+    /// Number of measurements.
     pub count: u64,
     /// Median, microseconds.
     pub p50_us: u32,
@@ -159,7 +159,7 @@ impl From<&StageTime> for StageLine {
     }
 }
 
-/// The link between fusion and one edge: what each side says of it.
+/// The link between fusion and one edge, from both sides.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[expect(
     missing_docs,
@@ -177,17 +177,17 @@ pub struct LinkLine {
     pub clock_correction_us: Option<i32>,
     pub horizon_ticks: f32,
     pub bytes_per_s: u32,
-    /// What the venue allows; `None`: no bound.
+    /// Limit of the venue; `None` if unlimited.
     pub budget_bytes_per_s: Option<f64>,
     pub compression_level: Option<u8>,
-    /// The level that the venue asks for.
+    /// The level configured in the venue.
     pub usual_level: u8,
     pub persons_per_tick: Option<u16>,
     pub every_nth_tick: Option<u16>,
     pub held_back: Option<u64>,
     pub late: u64,
     pub missing: u64,
-    /// Between fusion's last two statuses.
+    /// Derived from fusion's last two statuses.
     pub late_per_s: Option<f64>,
     pub missing_per_s: Option<f64>,
     pub unreadable: u64,
@@ -205,20 +205,20 @@ pub struct CameraLine {
     pub state: &'static str,
     /// Frames in the last second.
     pub frames_per_s: Option<f32>,
-    /// Captures less their ticks' times, microseconds.
+    /// Capture times relative to their ticks, microseconds.
     pub capture_offset_us: Option<i32>,
-    /// Why it gives no pictures.
+    /// Why it gives no images.
     pub reason: Option<String>,
-    /// How it agrees with the other cameras; `None` where nothing could be compared.
+    /// Agreement with the other cameras; `None` if nothing could be compared.
     pub agreement: Option<CameraAgreement>,
-    /// Who was cropped from it at the newest tick.
+    /// The people cropped from it at the newest tick.
     pub persons: Vec<u32>,
 }
 
-/// How long poses take, over the last seconds.
+/// Latency of poses over the last seconds.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Latency {
-    /// Over how long, seconds.
+    /// Length of the window, seconds.
     pub window_s: u32,
     /// Stages that have samples.
     pub stages: Vec<LatencyLine>,
@@ -229,7 +229,7 @@ pub struct Latency {
 pub struct LatencyLine {
     /// Its name.
     pub stage: &'static str,
-    /// Measurements.
+    /// Number of measurements.
     pub samples: usize,
     /// Median, microseconds.
     pub p50_us: u32,
@@ -237,37 +237,37 @@ pub struct LatencyLine {
     pub p99_us: u32,
 }
 
-/// How many people, by the phase of their tracks.
+/// Number of people by phase of their tracks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct People {
     /// Not yet confirmed.
     pub tentative: usize,
-    /// Seen.
+    /// Seen by enough viewpoints.
     pub tracked: usize,
-    /// Carried by the model.
+    /// Predicted by the model.
     pub coasting: usize,
 }
 
-/// Whether a recording runs.
+/// State of the recording.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct RecordingState {
-    /// Whether it does.
+    /// Whether a recording runs.
     pub running: bool,
-    /// Its name, or what became of it.
+    /// Its name, or its result.
     pub text: String,
-    /// When it began, microseconds of Unix time.
+    /// Start time, microseconds of Unix time.
     pub since_us: Option<Micros>,
-    /// Bytes on the disk.
+    /// Size on disk, bytes.
     pub bytes: Option<u64>,
 }
 
-/// What the page's own feed has lost.
+/// Losses of the page's own feed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct PageCounts {
     /// Connected pages and programs.
     pub clients: usize,
-    /// Messages that found no room.
+    /// Messages dropped for lack of room.
     pub dropped: u64,
-    /// Messages that were none.
+    /// Messages that could not be decoded.
     pub unreadable: u64,
 }

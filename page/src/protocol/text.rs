@@ -1,4 +1,4 @@
-//! The text messages of the server, beside ticks and status.
+//! Text messages of the server other than ticks and status.
 
 use std::collections::BTreeMap;
 
@@ -11,22 +11,22 @@ use super::PROTOCOL;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
-    /// It is fed by a running fusion.
+    /// Data of a running fusion.
     Live,
-    /// It is fed by a replay, which solves a recording again: with people and events alone.
+    /// Data of a replay, which solves a recording again; people and events only.
     Replay,
-    /// It shows a file.
+    /// A file.
     Recording,
 }
 
 impl Mode {
-    /// Whether ticks come by themselves, so that the newest can be followed.
+    /// Whether new ticks arrive, so that the newest can be followed.
     pub(crate) fn is_fed(self) -> bool {
         self != Self::Recording
     }
 }
 
-/// A kind of action, as pages know it.
+/// A kind of action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ActionKind {
@@ -40,15 +40,15 @@ pub enum ActionKind {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum TextMessage<'a> {
-    /// The first of all.
+    /// The first message.
     Hello {
         /// Version of the protocol.
         protocol: u8,
         /// What the server shows.
         mode: Mode,
-        /// Whether the client came with the token.
+        /// Whether the client has the token.
         may_act: bool,
-        /// What can be done here.
+        /// The available actions.
         actions: &'a [ActionKind],
     },
     /// The names of people, by id.
@@ -56,20 +56,20 @@ pub enum TextMessage<'a> {
         /// All of them.
         names: &'a BTreeMap<u32, String>,
     },
-    /// Who became who.
+    /// Identity events.
     Events {
         /// In order.
         events: Vec<&'a EventLine>,
     },
-    /// Where the client is in time.
+    /// The client's playback position.
     Playback(Playback),
-    /// To a request that has a number, and to all that failed.
+    /// Sent for numbered requests and for all that failed.
     Answer {
         /// The number.
         request: Option<u64>,
-        /// Whether it was done.
+        /// Whether it succeeded.
         ok: bool,
-        /// Why not.
+        /// Reason for a failure.
         error: Option<String>,
     },
 }
@@ -95,17 +95,17 @@ impl<'a> TextMessage<'a> {
         }
     }
 
-    /// The message as it is sent.
+    /// The message as JSON.
     pub fn to_json(&self) -> String {
         json(self)
     }
 }
 
-/// A value of this module's neighbours as JSON.
+/// Serialises a value of this module tree.
 pub(crate) fn json(value: &impl Serialize) -> String {
-    // Our types have text keys and numbers alone: nothing of them can fail.
+    // Our types contain only text keys and numbers, so serialisation cannot fail.
     serde_json::to_string(value).unwrap_or_else(|error| {
-        tracing::error!(%error, "a message cannot be written as JSON");
+        tracing::error!(%error, "cannot serialise a message as JSON");
         "{}".to_owned()
     })
 }
@@ -115,49 +115,49 @@ pub(crate) fn json(value: &impl Serialize) -> String {
 pub struct EventLine {
     /// The lower half of fusion's session.
     pub session: u32,
-    /// When.
+    /// Its tick.
     pub tick: Tick,
     /// When it was published, microseconds of Unix time.
     pub at_us: i64,
-    /// Who.
+    /// The person.
     pub person: u32,
-    /// The second person of the event, where there is one.
+    /// The second person of the event, if any.
     pub other: Option<u32>,
     /// Its kind.
     pub change: &'static str,
-    /// A line for people.
+    /// Description for people.
     pub text: String,
 }
 
-/// Where a client is in time.
+/// Playback position of a client.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Playback {
-    /// What it does.
+    /// Playback state.
     pub state: PlaybackState,
-    /// The tick last sent.
+    /// The last sent tick.
     pub tick: Option<Tick>,
-    /// Times real time.
+    /// Speed relative to real time.
     pub speed: f64,
-    /// First and last tick of what is repeated.
+    /// First and last tick of the repeated range.
     #[serde(rename = "loop")]
     pub repeat: Option<[Tick; 2]>,
-    /// The first tick that can be gone to.
+    /// The first available tick.
     pub first: Option<Tick>,
-    /// The last.
+    /// The last available tick.
     pub last: Option<Tick>,
-    /// Whether something is still on its way.
+    /// Whether data is still being loaded.
     pub loading: bool,
 }
 
-/// What a client does in time.
+/// Playback state of a client.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PlaybackState {
-    /// It follows what is new.
+    /// Follows the newest tick.
     Live,
-    /// It goes through the past.
+    /// Moves through the past.
     Playing,
-    /// It stays.
+    /// Stays at a tick.
     Paused,
 }
 
@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn messages_are_those_of_the_manual() {
+    fn text_messages_match_the_manual() {
         let hello = TextMessage::hello(
             Mode::Live,
             true,

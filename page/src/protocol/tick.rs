@@ -1,11 +1,12 @@
-//! Kind 1: the people of a tick, about 240 bytes each; encoded once for all who watch.
+//! Kind 1: the people of a tick, about 240 bytes each; encoded once for all clients.
 
+use super::text::json;
 use farfield_proto::id::PersonId;
 use farfield_proto::message::PersonState;
 use farfield_proto::tick::Tick;
+use serde::Serialize;
 
-use super::reader::Reader;
-use super::{PROTOCOL, ReadError};
+use super::{PROTOCOL, ReadError, Reader};
 
 /// The kind of this message.
 pub const KIND: u8 = 1;
@@ -13,24 +14,24 @@ pub const KIND: u8 = 1;
 const HEAD_BYTES: usize = 48;
 /// Bytes of a person before its joints.
 const PERSON_HEAD_BYTES: usize = 32;
-/// Where the flags of a message are.
+/// Position of the flags.
 const FLAGS_AT: usize = 2;
-/// It came just now from fusion.
+/// Flag: the tick just arrived from fusion.
 const LIVE: u16 = 1;
-/// The joints of a person are known.
+/// Flag: the joints of the person are known.
 const HAS_JOINTS: u8 = 1;
 /// Metres of one unit of a standard deviation.
 pub const SIGMA_STEP_M: f32 = 0.002;
-/// A standard deviation that is larger than any that can be written.
+/// Code of a standard deviation that exceeds the range.
 const SIGMA_MORE: u8 = 254;
-/// A standard deviation that is not known.
+/// Code of an unknown standard deviation.
 const SIGMA_UNKNOWN: u8 = 255;
-/// Steps of joints, metres, the finest first; the coarsest reaches 655 m either way.
+/// Possible joint steps, metres, finest first; the coarsest reaches 655 m in each direction.
 const STEPS_M: [f32; 6] = [0.000_5, 0.001, 0.002, 0.005, 0.01, 0.02];
-/// How far outside the field joints are still told exactly, metres.
+/// Margin around the field in which joints are exact, metres.
 const MARGIN_M: f32 = 5.0;
 
-/// Where joints are counted from, and in which steps.
+/// Origin and step of quantised joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointGrid {
     /// World, metres.
@@ -40,7 +41,7 @@ pub struct JointGrid {
 }
 
 impl JointGrid {
-    /// The finest that reaches some metres beyond the field from `min_m` to `max_m`.
+    /// The finest grid that covers the field from `min_m` to `max_m` and a margin.
     pub fn of_field(min_m: [f64; 3], max_m: [f64; 3]) -> Self {
         let middle = |i: usize| (0.5 * (min_m[i] + max_m[i])) as f32;
         let half = (0..3).map(|i| (0.5 * (max_m[i] - min_m[i])).abs() as f32);
@@ -54,13 +55,13 @@ impl JointGrid {
         }
     }
 
-    /// A point in steps; what is too far away is as far as can be written.
+    /// Quantises a point; points out of range are clamped.
     pub fn steps(&self, point_m: [f32; 3]) -> [i16; 3] {
-        // `as` saturates, and takes what is no number for 0.
+        // `as` saturates, and converts NaN to 0.
         std::array::from_fn(|i| ((point_m[i] - self.origin_m[i]) / self.step_m).round() as i16)
     }
 
-    /// The point of a number of steps, metres.
+    /// The point of quantised coordinates, metres.
     pub fn point_m(&self, steps: [i16; 3]) -> [f32; 3] {
         std::array::from_fn(|i| self.origin_m[i] + self.step_m * f32::from(steps[i]))
     }
@@ -69,7 +70,7 @@ impl JointGrid {
 /// The people of one tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TickMessage {
-    /// Whether it came just now from fusion.
+    /// Whether it just arrived from fusion.
     pub is_live: bool,
     /// The lower half of fusion's session.
     pub session: u32,
@@ -77,9 +78,9 @@ pub struct TickMessage {
     pub tick: Tick,
     /// When fusion published it, microseconds of Unix time.
     pub at_us: i64,
-    /// What joints are counted in.
+    /// Grid of the joints.
     pub grid: JointGrid,
-    /// Joints of every person.
+    /// Number of joints of every person.
     pub joints: u8,
     /// The people.
     pub persons: Vec<TickPerson>,
@@ -88,25 +89,25 @@ pub struct TickMessage {
 /// One person of a tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TickPerson {
-    /// Who.
+    /// Its id.
     pub id: PersonId,
     /// Phase of the track.
     pub state: PersonState,
-    /// How many viewpoints gave evidence.
+    /// Number of viewpoints with evidence.
     pub views: u16,
     /// Bit v: viewpoint v sent maps of the person for this tick.
     pub viewpoints: u64,
-    /// Bit a: angle a is carried by a prior.
+    /// Bit a: angle a comes from a prior.
     pub unobserved: u64,
-    /// Bit a: angle a is at a bound of its range.
+    /// Bit a: angle a is at a limit of its range.
     pub clamped: u64,
-    /// The joints in steps; as many as the message says, or none where they are not known.
+    /// Quantised joints; as many as the message states, or none if unknown.
     pub joints: Vec<[i16; 3]>,
-    /// Standard deviations in units of [`SIGMA_STEP_M`], 254: more, 255: not known; as many as joints.
+    /// Standard deviations in units of [`SIGMA_STEP_M`], one per joint; 254: larger, 255: unknown.
     pub sigma: Vec<u8>,
 }
 
-/// A standard deviation as it is written.
+/// Encodes a standard deviation.
 pub fn sigma_code(sigma_m: Option<f32>) -> u8 {
     match sigma_m {
         Some(sigma_m) if sigma_m.is_finite() => {
@@ -116,12 +117,11 @@ pub fn sigma_code(sigma_m: Option<f32>) -> u8 {
     }
 }
 
-/// What a written standard deviation says, metres; one that is too large is the largest.
+/// Decodes a standard deviation, metres; the largest code stands for all larger values.
 pub fn sigma_m(code: u8) -> Option<f32> {
     (code != SIGMA_UNKNOWN).then(|| f32::from(code) * SIGMA_STEP_M)
 }
 
-/// A state as it is written.
 fn state_code(state: PersonState) -> u8 {
     match state {
         PersonState::Tentative => 0,
@@ -135,7 +135,7 @@ fn person_bytes(joints: u8) -> usize {
 }
 
 impl TickMessage {
-    /// The message as bytes. More than 65,535 people are left out; joints that a person lacks are 0.
+    /// Encodes the message. People beyond 65,535 are dropped; missing joints are 0.
     pub fn encode(&self) -> Vec<u8> {
         let n = self.persons.len().min(usize::from(u16::MAX));
         let stride = person_bytes(self.joints);
@@ -178,12 +178,12 @@ impl TickMessage {
         bytes.extend((0..n).map(|i| person.sigma.get(i).copied().unwrap_or(SIGMA_UNKNOWN)));
     }
 
-    /// Reads a message; longer strides than today's are stepped over.
+    /// Decodes a message; strides longer than today's are accepted.
     ///
     /// # Errors
-    /// [`ReadError`] where the bytes are no such message.
+    /// [`ReadError`] if the bytes are not such a message.
     pub fn decode(bytes: &[u8]) -> Result<Self, ReadError> {
-        let reader = Reader::of_kind(bytes, KIND)?;
+        let reader = Reader::with_kind(bytes, KIND)?;
         let n = usize::from(reader.u16(40)?);
         let joints = reader.u8(42)?;
         let stride = 4 * usize::from(reader.u8(43)?);
@@ -242,13 +242,77 @@ fn decode_person(reader: &Reader<'_>, at: usize, joints: u8) -> Result<TickPerso
     })
 }
 
-/// The bytes of an encoded tick as a part of the past: no longer what came just now.
+/// Marks an encoded tick as past, no longer live.
 pub fn as_history(encoded: &[u8]) -> Vec<u8> {
     let mut bytes = encoded.to_vec();
     if let Some(flags) = bytes.get_mut(FLAGS_AT) {
         *flags &= !(LIVE as u8);
     }
     bytes
+}
+
+/// The serialised form of a tick.
+#[derive(Serialize)]
+#[serde(tag = "type", rename = "tick")]
+struct JsonTick<'a> {
+    live: bool,
+    session: u32,
+    tick: Tick,
+    at_us: i64,
+    persons: Vec<JsonPerson<'a>>,
+}
+
+#[derive(Serialize)]
+struct JsonPerson<'a> {
+    id: u32,
+    state: PersonState,
+    views: u16,
+    viewpoints: Vec<u8>,
+    joints_m: Vec<[f64; 3]>,
+    sigma_m: Vec<Option<f64>>,
+    angles: &'a [f32],
+    unobserved: Vec<u8>,
+    clamped: Vec<u8>,
+}
+
+/// The set bits, ascending.
+fn bits(mask: u64) -> Vec<u8> {
+    (0..64).filter(|bit| mask >> bit & 1 == 1).collect()
+}
+
+/// Rounds a length to remove the digits that single precision adds.
+fn tidy_m(length_m: f32) -> f64 {
+    (f64::from(length_m) * 1e4).round() / 1e4
+}
+
+/// The JSON of a tick; `angles` contains those of every person, in the message's order.
+pub fn json_tick(tick: &TickMessage, angles: &[&[f32]]) -> String {
+    let person = |(i, person): (usize, &TickPerson)| JsonPerson {
+        id: person.id.0,
+        state: person.state,
+        views: person.views,
+        viewpoints: bits(person.viewpoints),
+        joints_m: person
+            .joints
+            .iter()
+            .map(|&steps| tick.grid.point_m(steps).map(tidy_m))
+            .collect(),
+        sigma_m: person
+            .sigma
+            .iter()
+            .map(|&code| sigma_m(code).map(tidy_m))
+            .collect(),
+        angles: angles.get(i).copied().unwrap_or_default(),
+        unobserved: bits(person.unobserved),
+        clamped: bits(person.clamped),
+    };
+    json(&JsonTick {
+        live: tick.is_live,
+        session: tick.session,
+        tick: tick.tick,
+        at_us: tick.at_us,
+        persons: tick.persons.iter().enumerate().map(person).collect(),
+    })
 }
 
 #[cfg(test)]
@@ -313,7 +377,7 @@ pub(super) mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_is_read_again(tick in any_tick()) {
+        fn ticks_round_trip(tick in any_tick()) {
             let bytes = tick.encode();
             prop_assert_eq!(bytes.len() % 4, 0);
             let again = TickMessage::decode(&bytes).unwrap();
@@ -323,7 +387,7 @@ pub(super) mod tests {
         }
 
         #[test]
-        fn bytes_of_strangers_are_a_tick_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        fn arbitrary_bytes_are_a_tick_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
             let _read = TickMessage::decode(&bytes);
             let mut begun = vec![PROTOCOL, KIND];
             begun.extend(bytes);
@@ -331,11 +395,11 @@ pub(super) mod tests {
         }
 
         #[test]
-        fn a_joint_in_the_field_is_told_to_half_a_step(x in -60.0f32..60.0, y in -40.0f32..40.0, z in 0.0f32..3.0) {
+        fn joints_in_the_field_are_exact_to_half_a_step(x in -60.0f32..60.0, y in -40.0f32..40.0, z in 0.0f32..3.0) {
             let grid = JointGrid::of_field([-60.0, -40.0, 0.0], [60.0, 40.0, 3.0]);
             let again = grid.point_m(grid.steps([x, y, z]));
-            for (found, told) in [x, y, z].into_iter().zip(again) {
-                prop_assert!((found - told).abs() <= 0.51 * grid.step_m);
+            for (found, decoded) in [x, y, z].into_iter().zip(again) {
+                prop_assert!((found - decoded).abs() <= 0.51 * grid.step_m);
             }
         }
     }
@@ -346,7 +410,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_small_field_is_told_finely_and_a_large_one_wholly() {
+    fn small_fields_get_fine_steps_and_large_ones_full_range() {
         let step = |half: f64| JointGrid::of_field([-half, -half, 0.0], [half, half, 3.0]).step_m;
         assert!((step(5.0) - 0.000_5).abs() < 1e-9);
         assert!((step(60.0) - 0.002).abs() < 1e-9);
@@ -356,11 +420,42 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_standard_deviation_is_unknown_large_or_told() {
+    fn standard_deviations_are_unknown_too_large_or_encoded() {
         assert_eq!(sigma_code(None), 255);
         assert_eq!(sigma_code(Some(f32::NAN)), 255);
         assert_eq!(sigma_code(Some(7.0)), 254);
         assert_eq!(sigma_code(Some(0.013)), 7);
         assert_eq!(sigma_m(255), None);
+    }
+
+    #[test]
+    fn json_ticks_match_the_manual() {
+        let tick = TickMessage {
+            is_live: true,
+            session: 77,
+            tick: Tick(1000),
+            at_us: 1_767_225_600_000_000,
+            grid: JointGrid {
+                origin_m: [0.0; 3],
+                step_m: 0.001,
+            },
+            joints: 1,
+            persons: vec![TickPerson {
+                id: PersonId(3),
+                state: PersonState::Tracked,
+                views: 4,
+                viewpoints: 0b1111,
+                unobserved: 1 << 12,
+                clamped: 0,
+                joints: vec![[0, 0, 950]],
+                sigma: vec![6],
+            }],
+        };
+        assert_eq!(
+            json_tick(&tick, &[&[0.1]]),
+            "{\"type\":\"tick\",\"live\":true,\"session\":77,\"tick\":1000,\"at_us\":1767225600000000,\
+             \"persons\":[{\"id\":3,\"state\":\"tracked\",\"views\":4,\"viewpoints\":[0,1,2,3],\
+             \"joints_m\":[[0.0,0.0,0.95]],\"sigma_m\":[0.012],\"angles\":[0.1],\"unobserved\":[12],\"clamped\":[]}]}"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! What does not change while a server runs: the answer of `/api/venue`.
+//! Data that is constant while a server runs: the response of `/api/venue`.
 
 use farfield_proto::court::PlacedCourt;
 use farfield_proto::venue::{Field, Venue, VenueCamera};
@@ -56,7 +56,7 @@ struct CourtLines<'a> {
 #[derive(Serialize)]
 struct PaintedLine<'a> {
     name: &'a str,
-    /// World x and y, millimetres kept.
+    /// World x and y, rounded to millimetres.
     points_m: Vec<[f64; 2]>,
 }
 
@@ -92,7 +92,7 @@ struct CameraLines<'a> {
     fy_px: f64,
     cx_px: f64,
     cy_px: f64,
-    /// World to camera, row by row.
+    /// World to camera, by rows.
     rotation: [[f64; 3]; 3],
     translation_m: [f64; 3],
     position_m: [f64; 3],
@@ -101,7 +101,7 @@ struct CameraLines<'a> {
 impl<'a> From<&'a VenueCamera> for CameraLines<'a> {
     fn from(camera: &'a VenueCamera) -> Self {
         let model = &camera.model;
-        let of = model.intrinsics();
+        let intrinsics = model.intrinsics();
         let camera_from_world = model.camera_from_world().isometry();
         let rotation = camera_from_world.rotation.to_rotation_matrix();
         let row = |i: usize| std::array::from_fn(|j| rotation[(i, j)]);
@@ -109,10 +109,10 @@ impl<'a> From<&'a VenueCamera> for CameraLines<'a> {
             name: model.name(),
             viewpoint: camera.viewpoint.0,
             size_px: model.size_px(),
-            fx_px: of.fx_px,
-            fy_px: of.fy_px,
-            cx_px: of.cx_px,
-            cy_px: of.cy_px,
+            fx_px: intrinsics.fx_px,
+            fy_px: intrinsics.fy_px,
+            cx_px: intrinsics.cx_px,
+            cy_px: intrinsics.cy_px,
             rotation: [row(0), row(1), row(2)],
             translation_m: camera_from_world.translation.vector.into(),
             position_m: model.center().coordinates_m().into(),

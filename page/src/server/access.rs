@@ -1,25 +1,25 @@
-//! Who may ask what: `Host`, `Origin`, token.
+//! Access rules: `Host`, `Origin`, token.
 
+use std::fmt::{self, Write as _};
 use std::net::SocketAddr;
 
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN, SEC_WEBSOCKET_PROTOCOL};
 use axum::http::{HeaderMap, HeaderName, StatusCode};
+use ring::rand::{SecureRandom as _, SystemRandom};
 
-use super::token::Token;
-
-/// Names of this machine that no other can have.
+/// Names that always mean this machine.
 const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "[::1]"];
 /// The subprotocol of pages.
 pub(super) const SUBPROTOCOL: &str = "farfield.page.v1";
-/// What stands before the token in a subprotocol.
+/// Prefix of the token in a subprotocol.
 const TOKEN_PREFIX: &str = "token.";
 
-/// What somebody may do.
+/// Rights of a client.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Rights {
-    /// See what is known.
+    /// May read the state.
     pub(super) may_read: bool,
-    /// Have something done.
+    /// May request actions.
     pub(super) may_act: bool,
 }
 
@@ -33,7 +33,8 @@ pub(crate) struct Access {
 }
 
 impl Access {
-    /// Of a server at `address`, which browsers may call by `names` too; `is_secret`: by HTTPS.
+    /// Rules of a server at `address`, which browsers may also call by `names`; `is_secret` for
+    /// HTTPS.
     pub(super) fn new(
         token: Token,
         address: SocketAddr,
@@ -53,7 +54,7 @@ impl Access {
         &self.token
     }
 
-    /// The address of the page with the token.
+    /// The page's URL with the token.
     pub(super) fn url(&self) -> String {
         let own = match self.address {
             SocketAddr::V4(address) => address.ip().to_string(),
@@ -68,7 +69,7 @@ impl Access {
         if self.is_secret { "https" } else { "http" }
     }
 
-    /// What the sender of a request may do.
+    /// Rights of the sender of a request.
     pub(super) fn rights(&self, headers: &HeaderMap) -> Result<Rights, Refusal> {
         let host = one(headers, &HOST)?
             .ok_or(Refusal::Host)?
@@ -77,14 +78,14 @@ impl Access {
             return Err(Refusal::Host);
         }
         if let Some(origin) = one(headers, &ORIGIN)? {
-            // The page's own origin is the name by which it was called, with the scheme of this server.
+            // The page's own origin is the requested host with the scheme of this server.
             let own = format!("{}://{host}", self.scheme());
             if !origin.eq_ignore_ascii_case(&own) {
                 return Err(Refusal::Origin);
             }
         }
-        let has_token = match said_token(headers)? {
-            Some(said) if self.token.is(said) => true,
+        let has_token = match given_token(headers)? {
+            Some(given) if self.token.is(given) => true,
             Some(_) => return Err(Refusal::WrongToken),
             None => false,
         };
@@ -106,24 +107,24 @@ impl Access {
     }
 }
 
-/// Why a request is refused.
+/// Why a request is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Refusal {
-    /// A header is there twice, or is no text.
-    #[error("a header is there twice, or is no text")]
+    /// A header is duplicated or is not text.
+    #[error("a header is duplicated or is not text")]
     Header,
-    /// The server is not called so.
+    /// Unknown host name.
     #[error("this server does not go by that name: open the address that it printed")]
     Host,
-    /// Another site asks.
+    /// Request from another site.
     #[error("pages of other sites are not answered")]
     Origin,
-    /// The token is wrong.
+    /// Wrong token.
     #[error(
-        "the token is wrong: it is made anew at every start; open the address that the server printed"
+        "the token is wrong: it changes at every start; open the address that the server printed"
     )]
     WrongToken,
-    /// There is no token.
+    /// Missing token.
     #[error("this needs the token: open the address that the server printed")]
     NoToken,
 }
@@ -139,7 +140,7 @@ impl Refusal {
     }
 }
 
-/// The text of a header that may be there once.
+/// The text of a header that may occur once.
 fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>, Refusal> {
     let mut values = headers.get_all(name).iter();
     match (values.next(), values.next()) {
@@ -149,7 +150,7 @@ fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>,
     }
 }
 
-/// `host` of `host:port`, also of `[::1]:7460`.
+/// The `host` of `host:port`, also of `[::1]:7460`.
 fn without_port(authority: &str) -> &str {
     match authority.rsplit_once(':') {
         Some((host, port)) if port.bytes().all(|b| b.is_ascii_digit()) && !host.is_empty() => {
@@ -163,10 +164,10 @@ fn without_port(authority: &str) -> &str {
     }
 }
 
-/// The token that a request brings.
-fn said_token(headers: &HeaderMap) -> Result<Option<&str>, Refusal> {
-    if let Some(said) = one(headers, &AUTHORIZATION)? {
-        let (scheme, token) = said.split_once(' ').ok_or(Refusal::WrongToken)?;
+/// The token of a request.
+fn given_token(headers: &HeaderMap) -> Result<Option<&str>, Refusal> {
+    if let Some(given) = one(headers, &AUTHORIZATION)? {
+        let (scheme, token) = given.split_once(' ').ok_or(Refusal::WrongToken)?;
         let is_bearer = scheme.eq_ignore_ascii_case("bearer");
         return if is_bearer {
             Ok(Some(token.trim()))
@@ -182,6 +183,57 @@ fn said_token(headers: &HeaderMap) -> Result<Option<&str>, Refusal> {
         }
     }
     Ok(None)
+}
+
+/// Bytes of a token.
+const BYTES: usize = 16;
+/// Length of its text.
+const DIGITS: usize = 2 * BYTES;
+
+/// A token; its text has 32 hexadecimal digits.
+#[derive(Clone)]
+pub struct Token(String);
+
+impl Token {
+    /// A new token; `None` if the system provides no random numbers.
+    pub fn random() -> Option<Self> {
+        let mut bytes = [0; BYTES];
+        SystemRandom::new().fill(&mut bytes).ok()?;
+        let mut text = String::with_capacity(DIGITS);
+        for byte in bytes {
+            write!(text, "{byte:02x}").ok()?;
+        }
+        Some(Self(text))
+    }
+
+    /// The token with this text; `None` if the text is invalid.
+    pub fn of_text(text: &str) -> Option<Self> {
+        let is_digit = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
+        let is_token = text.len() == DIGITS && text.bytes().all(is_digit);
+        is_token.then(|| Self(text.to_owned()))
+    }
+
+    /// The text of the token.
+    pub fn text(&self) -> &str {
+        &self.0
+    }
+
+    /// Whether `text` is the token; the time does not depend on where they differ.
+    pub(crate) fn is(&self, text: &str) -> bool {
+        let (known, given) = (self.0.as_bytes(), text.as_bytes());
+        let differ = known
+            .iter()
+            .zip(given)
+            .fold(0, |differ, (a, b)| differ | (a ^ b));
+        known.len() == given.len() && differ == 0
+    }
+}
+
+impl fmt::Debug for Token {
+    /// Hides the text, since logs are read by others.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Token(..)")
+    }
 }
 
 #[cfg(test)]
@@ -222,7 +274,7 @@ mod tests {
     };
 
     #[test]
-    fn on_the_loopback_everybody_of_the_machine_may_read() {
+    fn on_the_loopback_everyone_may_read() {
         let local = access("127.0.0.1:7460", false);
         for host in [
             "localhost",
@@ -261,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn another_origin_is_refused_also_of_another_port_of_the_same_machine() {
+    fn other_origins_and_ports_are_refused() {
         let local = access("127.0.0.1:7460", false);
         let from = |origin| rights(&local, &[("host", "localhost:7460"), ("origin", origin)]);
         assert_eq!(from("http://localhost:7460"), Ok(READ));
@@ -277,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_loopback_nothing_is_told_without_the_token() {
+    fn beyond_the_loopback_the_token_is_required() {
         let open = access("192.168.1.7:7460", true);
         let token = open.token().text().to_owned();
         assert_eq!(rights(&open, &[("host", "hall.local:7460")]), Ok(NONE));
@@ -296,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_token_is_refused_also_where_reading_is_free() {
+    fn a_wrong_token_is_refused_even_on_the_loopback() {
         let local = access("127.0.0.1:7460", false);
         for wrong in [
             "Bearer 0123456789abcdef0123456789abcdef",
@@ -315,12 +367,30 @@ mod tests {
     }
 
     #[test]
-    fn the_address_for_the_operator_has_the_token_where_browsers_do_not_send_it() {
+    fn the_operator_url_has_the_token_in_the_fragment() {
         let open = access("0.0.0.0:7460", true);
         let token = open.token().text();
         assert_eq!(
             open.url(),
             format!("https://hall.local:7460/#token={token}")
         );
+    }
+
+    #[test]
+    fn tokens_are_random_and_match_only_themselves() {
+        let [a, b] = [0, 1].map(|_| Token::random().unwrap());
+        assert_eq!(a.text().len(), 32);
+        assert!(a.is(a.text()) && !a.is(b.text()) && !a.is("") && !a.is(&a.text()[..31]));
+        assert_eq!(format!("{a:?}"), "Token(..)");
+    }
+
+    #[test]
+    fn only_valid_text_becomes_a_token() {
+        let token = Token::random().unwrap();
+        let text = token.text();
+        assert!(Token::of_text(text).unwrap().is(text));
+        for other in ["", "x", &text[1..], &format!("{text}0"), &"G".repeat(32)] {
+            assert!(Token::of_text(other).is_none(), "{other}");
+        }
     }
 }

@@ -1,4 +1,5 @@
-//! The page itself: the committed bundle, which a user needs no other tool for. Compressed once, at the first request.
+//! The page itself: the committed bundle, so that users need no other tool. Compressed once, at the
+//! first request.
 
 use std::io::Write as _;
 use std::sync::LazyLock;
@@ -17,7 +18,7 @@ struct Asset {
     path: &'static str,
     kind: &'static str,
     bytes: &'static [u8],
-    /// Empty where compression failed.
+    /// Empty if compression failed.
     gzip: Vec<u8>,
     tag: String,
 }
@@ -68,7 +69,7 @@ pub(super) static LIVE: LazyLock<Bundle> = LazyLock::new(|| {
     ])
 });
 
-/// The page on which marks are clicked.
+/// The page for clicking marks.
 pub(super) static MARKS: LazyLock<Bundle> = LazyLock::new(|| {
     Bundle([
         Asset::new(
@@ -89,21 +90,21 @@ pub(super) static MARKS: LazyLock<Bundle> = LazyLock::new(|| {
     ])
 });
 
-/// Compresses everything of a page, for who does not want the first request to.
+/// Compresses all files of a page before the first request.
 pub(super) fn prepare(bundle: &LazyLock<Bundle>) {
     LazyLock::force(bundle);
 }
 
-/// The answer to a request for a file of the bundle; `None`: there is no such file.
+/// The response for a file of the bundle; `None` if there is no such file.
 pub(super) fn answer(bundle: &'static Bundle, path: &str, headers: &HeaderMap) -> Option<Response> {
     let asset = bundle.0.iter().find(|asset| asset.path == path)?;
-    let says = |name, what: &str| {
+    let has = |name, what: &str| {
         let mut values = headers.get_all(name).iter();
         values.any(|value: &HeaderValue| value.to_str().is_ok_and(|text| text.contains(what)))
     };
-    let mut response = if says(IF_NONE_MATCH, &asset.tag) {
+    let mut response = if has(IF_NONE_MATCH, &asset.tag) {
         StatusCode::NOT_MODIFIED.into_response()
-    } else if says(ACCEPT_ENCODING, "gzip") && !asset.gzip.is_empty() {
+    } else if has(ACCEPT_ENCODING, "gzip") && !asset.gzip.is_empty() {
         let mut response = asset.gzip.as_slice().into_response();
         response
             .headers_mut()

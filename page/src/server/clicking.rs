@@ -1,5 +1,5 @@
-//! The page on which marks are clicked in pictures: served while an operator clicks, to nobody without the token, since it shows
-//! pictures and writes a file. What is clicked, and what it comes to, is another's: [`Clicking`].
+//! Server of the page for clicking marks in images. It requires the token, since it shows images
+//! and writes a file. The host program stores and evaluates the marks: [`Clicking`].
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -16,54 +16,53 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::access::{Refusal, Rights};
-use super::answers::{check, json, plain, refused};
+use super::access::{Refusal, Rights, Token};
 use super::assets;
 use super::listening::Listening;
-use super::token::Token;
+use super::routes::{check, json, plain, refused};
 use super::{ServerError, ServerOptions};
 
-/// Largest text of what was clicked, bytes: ten thousand clicks have less.
+/// Maximum size of submitted marks, bytes; ten thousand clicks need less.
 const MAX_CLICKED_BYTES: usize = 1 << 20;
-/// Requests that are worked on at once.
+/// Maximum number of concurrent requests.
 const AT_ONCE: usize = 2;
 
-/// What becomes of what a page sends; each with a JSON document or a sentence for the operator.
+/// Result of a submission, with a JSON document or a sentence for the operator.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Taken {
-    /// It is in the file; what it comes to.
+    /// Written to the file; the evaluation.
     Written(String),
-    /// Somebody else has changed it since: what there is now.
+    /// Changed by another page in the meantime; the current state.
     Behind(String),
-    /// It is wrong; why.
+    /// Invalid; the reason.
     Refused(String),
-    /// It could not be written; why.
+    /// Not written; the reason.
     Failed(String),
 }
 
-/// What marks are clicked in, and where they go. Called on threads that may wait.
+/// Source of images and destination of marks. Called on threads that may block.
 pub trait Clicking: Send + Sync {
-    /// All that the page shows, as JSON.
+    /// Everything that the page shows, as JSON.
     fn document(&self) -> String;
 
-    /// The picture with this number, as PNG.
+    /// The image with this number, as PNG.
     fn picture(&self, number: usize) -> Option<Arc<[u8]>>;
 
-    /// Takes all that was clicked so far, as JSON, in the place of what was before.
+    /// Replaces all marks by `clicked`, as JSON.
     fn take(&self, clicked: &[u8]) -> Taken;
 }
 
-/// A server that listens, and serves when it is asked to.
+/// A bound server that is not serving yet.
 pub struct ClickingServer {
     clicking: Arc<dyn Clicking>,
     listening: Listening,
 }
 
 impl ClickingServer {
-    /// Listens, and makes a token.
+    /// Binds the address and creates a token.
     ///
     /// # Errors
-    /// [`ServerError`], as of [`super::Server::bind`].
+    /// [`ServerError`], as for [`super::Server::bind`].
     pub async fn bind(
         clicking: Arc<dyn Clicking>,
         options: ServerOptions,
@@ -74,12 +73,12 @@ impl ClickingServer {
         })
     }
 
-    /// Where it listens.
+    /// The bound address.
     pub fn address(&self) -> SocketAddr {
         self.listening.address()
     }
 
-    /// The address of the page, with the token: for the operator alone.
+    /// The page's URL with the token, for the operator only.
     pub fn url(&self) -> String {
         self.listening.access().url()
     }
@@ -89,7 +88,7 @@ impl ClickingServer {
         self.listening.access().token()
     }
 
-    /// Serves until `stop`. What is being written then is written whole.
+    /// Serves until `stop`. A write in progress is completed.
     pub async fn serve(self, stop: CancellationToken) {
         let tasks = TaskTracker::new();
         let serving = Serving {
@@ -97,13 +96,13 @@ impl ClickingServer {
             at_once: Arc::new(Semaphore::new(AT_ONCE)),
         };
         tasks.spawn_blocking(|| assets::prepare(&assets::MARKS));
-        let of_token = Router::new()
+        let with_token = Router::new()
             .route("/api/marks", get(document).put(take))
             .route("/api/picture/{number}", get(picture))
             .layer(DefaultBodyLimit::max(MAX_CLICKED_BYTES))
             .layer(middleware::from_fn(needs_token));
         let access = Arc::clone(self.listening.access());
-        let router = of_token
+        let router = with_token
             .fallback(get(asset))
             .layer(middleware::from_fn_with_state(access, check))
             .with_state(serving);
@@ -118,7 +117,7 @@ struct Serving {
 }
 
 impl Serving {
-    /// Does something that may wait.
+    /// Runs an operation that may block.
     async fn work<T: Send + 'static>(
         &self,
         work: impl FnOnce(&dyn Clicking) -> T + Send + 'static,
@@ -150,12 +149,7 @@ async fn needs_token(
 
 async fn asset(uri: Uri, headers: HeaderMap) -> Response {
     let found = assets::answer(&assets::MARKS, uri.path(), &headers);
-    found.unwrap_or_else(|| {
-        plain(
-            StatusCode::NOT_FOUND,
-            "there is nothing here: the page is at /",
-        )
-    })
+    found.unwrap_or_else(|| plain(StatusCode::NOT_FOUND, "not found: the page is at /"))
 }
 
 async fn document(State(serving): State<Serving>) -> Response {
@@ -172,7 +166,10 @@ async fn picture(State(serving): State<Serving>, Path(number): Path<usize>) -> R
             let headers = [(CONTENT_TYPE, "image/png"), (CACHE_CONTROL, "no-store")];
             (headers, Bytes::from_owner(png)).into_response()
         }
-        Ok(None) => plain(StatusCode::NOT_FOUND, "there is no picture of this number"),
+        Ok(None) => plain(
+            StatusCode::NOT_FOUND,
+            "there is no picture with this number",
+        ),
         Err(response) => response,
     }
 }

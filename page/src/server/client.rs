@@ -1,53 +1,54 @@
-//! One client: where it is in time, what it has chosen, and one loop that sends what is new and hears what it wants.
+//! One client: its playback position, its selection, and a loop that sends new data and handles
+//! requests.
 //!
-//! Ticks wait nowhere: each is taken from the newest-value slot, or from the past, when there is room to send.
+//! Ticks are never queued: each is taken from the newest-value slot, or from the past, when there
+//! is room to send.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use axum::extract::ws::{Message, WebSocket, close_code};
+use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
 use farfield_proto::id::CameraIndex;
 use farfield_proto::tick::Tick;
 use futures_util::{SinkExt as _, StreamExt as _};
 use tokio::sync::watch;
-use tokio::time::{Instant, Interval, MissedTickBehavior, interval, sleep_until};
+use tokio::time::{Instant, Interval, MissedTickBehavior, interval, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::Serving;
 use super::flow::{Allowance, Flow};
-use super::outgoing::{Left, answer, close, feed, in_time, send, text};
 use crate::playback::Cursor;
-use crate::protocol::request::{Action, RequestError, Wish, parse};
+use crate::protocol::request::{Action, Command, RequestError, parse};
 use crate::protocol::text::{ActionKind, EventLine, Playback, TextMessage};
 use crate::state::Shared;
 use crate::state::known::frame::SharedFrame;
-use crate::state::past::Found;
+use crate::state::past::Lookup;
 
-/// Events that a client is told when it comes.
+/// Number of events sent to a new client.
 const FIRST_EVENTS: usize = 200;
-/// How soon it is looked again for a tick that is on its way.
+/// Interval for checking a tick that is being loaded.
 const LOADING: Duration = Duration::from_millis(50);
-/// Ticks of the past are sent at most so often, per second.
+/// Maximum rate of ticks of the past, per second.
 const MAX_PAST_HZ: f64 = 100.0;
 
-/// In which form a client gets ticks.
+/// Encoding of ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
-    /// Kinds 1 to 3.
+    /// Binary messages, kinds 1 to 3.
     Binary,
     /// JSON.
     Json,
 }
 
-/// What there is to do next.
+/// The next thing to do.
 enum Next {
     Stop,
-    Heard(Option<Result<Message, axum::Error>>),
+    Received(Option<Result<Message, axum::Error>>),
     Newest,
-    Look,
+    Past,
     Status,
     Events,
     Names,
@@ -67,18 +68,18 @@ pub(super) struct Client {
     persons: Vec<u32>,
     angles: Vec<u16>,
     most_hz: Option<f64>,
-    /// The tick that was sent last, and whether it came just then.
+    /// Session and number of the last sent tick, and whether it was live.
     sent: Option<(u32, Tick, bool)>,
-    /// Whether that one is due again, with what was chosen since.
+    /// Whether that tick must be sent again because the selection changed.
     is_due_again: bool,
-    /// By [`Self::most_hz`] no tick is sent before this one.
+    /// With [`Self::most_hz`], no tick before this one is sent.
     due_tick: f64,
-    /// When it is looked for a tick of the past.
-    look_at: Option<Instant>,
+    /// Time of the next lookup of a past tick.
+    lookup_at: Option<Instant>,
     is_loading: bool,
     sent_status: Option<Arc<str>>,
-    told_events: u64,
-    told_playback: Option<Playback>,
+    sent_events: u64,
+    sent_playback: Option<Playback>,
     flow: Flow,
     allowance: Allowance,
     newest: watch::Receiver<Option<SharedFrame>>,
@@ -106,11 +107,11 @@ impl Client {
             sent: None,
             is_due_again: false,
             due_tick: f64::NEG_INFINITY,
-            look_at: (!is_fed).then(Instant::now),
+            lookup_at: (!is_fed).then(Instant::now),
             is_loading: !is_fed,
             sent_status: None,
-            told_events: 0,
-            told_playback: None,
+            sent_events: 0,
+            sent_playback: None,
             flow: Flow::new(Duration::ZERO),
             allowance: Allowance::new(Duration::ZERO),
             newest: shared.newest.subscribe(),
@@ -121,7 +122,7 @@ impl Client {
         }
     }
 
-    /// Until the client leaves, or the server stops.
+    /// Runs until the client leaves or the server stops.
     pub(super) async fn run(mut self, mut socket: WebSocket) {
         if self.greet(&mut socket).await.is_ok() {
             let mut second = interval(Duration::from_secs(1));
@@ -134,97 +135,92 @@ impl Client {
         self.began.elapsed()
     }
 
-    async fn greet(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+    async fn greet(&mut self, socket: &mut WebSocket) -> Result<(), Closed> {
         let hello = TextMessage::hello(self.shared.mode, self.may_act, &self.shared.kinds);
         text(socket, hello.to_json()).await?;
         if !self.shared.mode.is_fed() {
-            // From the beginning, as soon as it is known where that is.
+            // Starts at the beginning, as soon as it is known.
             self.cursor.play(Tick(i64::MIN), self.now(), 1.0, None);
         }
         self.newest.mark_changed();
-        self.tell_names(socket).await?;
-        self.tell_events(socket).await?;
+        self.send_names(socket).await?;
+        self.send_events(socket).await?;
         let status = Arc::clone(&self.status.borrow_and_update());
-        self.tell_status(socket, status).await
+        self.send_status(socket, status).await
     }
 
-    async fn step(&mut self, socket: &mut WebSocket, second: &mut Interval) -> Result<(), Left> {
+    async fn step(&mut self, socket: &mut WebSocket, second: &mut Interval) -> Result<(), Closed> {
         let is_live = self.cursor.is_live();
-        let look_at = self.look_at;
+        let lookup_at = self.lookup_at;
         let next = tokio::select! {
             biased;
             () = self.stop.cancelled() => Next::Stop,
-            heard = socket.next() => Next::Heard(heard),
+            received = socket.next() => Next::Received(received),
             _ = second.tick() => Next::Second,
             Ok(()) = self.names.changed() => Next::Names,
             Ok(()) = self.events.changed() => Next::Events,
             Ok(()) = self.status.changed(), if is_live => Next::Status,
             Ok(()) = self.newest.changed(), if is_live && self.flow.has_room() => Next::Newest,
-            () = sleep_until(look_at.unwrap_or_else(Instant::now)), if look_at.is_some() && self.flow.has_room() => Next::Look,
+            () = sleep_until(lookup_at.unwrap_or_else(Instant::now)), if lookup_at.is_some() && self.flow.has_room() => Next::Past,
         };
         match next {
             Next::Stop => close(socket, close_code::AWAY, "the server stops").await,
-            Next::Heard(heard) => self.hear(socket, heard).await,
+            Next::Received(received) => self.receive(socket, received).await,
             Next::Newest => self.send_newest(socket).await,
-            Next::Look => self.look(socket).await,
+            Next::Past => self.send_past(socket).await,
             Next::Status => {
                 let status = Arc::clone(&self.status.borrow_and_update());
-                self.tell_status(socket, status).await
+                self.send_status(socket, status).await
             }
-            Next::Events => self.tell_events(socket).await,
-            Next::Names => self.tell_names(socket).await,
+            Next::Events => self.send_events(socket).await,
+            Next::Names => self.send_names(socket).await,
             Next::Second => self.each_second(socket).await,
         }
     }
 
-    async fn each_second(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+    async fn each_second(&mut self, socket: &mut WebSocket) -> Result<(), Closed> {
         let now = self.now();
         if self.flow.is_gone(now) {
-            return Err(Left);
+            return Err(Closed);
         }
         if let Some(ping) = self.flow.due_ping(now) {
             send(socket, Message::Ping(ping.to_vec().into())).await?;
         }
-        // Also when it is as it was: who hears nothing cannot know that the server is there.
-        self.told_playback = None;
-        self.tell_playback(socket).await
+        // Also if unchanged: a client that receives nothing cannot know that the server is alive.
+        self.sent_playback = None;
+        self.send_playback(socket).await
     }
 
-    async fn hear(
+    async fn receive(
         &mut self,
         socket: &mut WebSocket,
-        heard: Option<Result<Message, axum::Error>>,
-    ) -> Result<(), Left> {
-        let text = match heard {
-            None | Some(Ok(Message::Close(_))) => return Err(Left),
+        received: Option<Result<Message, axum::Error>>,
+    ) -> Result<(), Closed> {
+        let text = match received {
+            None | Some(Ok(Message::Close(_))) => return Err(Closed),
             Some(Err(_)) => {
                 return close(socket, close_code::SIZE, "not a message of the protocol").await;
             }
             Some(Ok(Message::Pong(payload))) if self.flow.answered(&payload, self.now()) => {
                 return Ok(());
             }
-            // Whoever pings, answers what nobody asked, or sends binary messages, is counted as who asks.
+            // Pings, unexpected pongs and binary messages count as requests.
             Some(Ok(Message::Ping(_) | Message::Pong(_) | Message::Binary(_))) => None,
             Some(Ok(Message::Text(text))) => Some(text),
         };
         if !self.allowance.take(self.now()) {
-            return close(
-                socket,
-                close_code::POLICY,
-                "more messages than anybody needs",
-            )
-            .await;
+            return close(socket, close_code::POLICY, "too many messages").await;
         }
         let Some(text) = text else {
             return Ok(());
         };
         match parse(&text) {
             Ok(request) => {
-                let outcome = self.fulfil(request.wish).await;
+                let outcome = self.execute(request.command).await;
                 if request.number.is_some() || outcome.is_err() {
                     answer(socket, request.number, outcome).await?;
                 }
-                self.tell_playback(socket).await
+                self.send_playback(socket).await
             }
             Err(RequestError::TooLong { .. }) => {
                 close(socket, close_code::SIZE, "the message is too long").await
@@ -233,32 +229,32 @@ impl Client {
         }
     }
 
-    async fn fulfil(&mut self, wish: Wish) -> Result<(), String> {
+    async fn execute(&mut self, command: Command) -> Result<(), String> {
         let span = self.shared.past.span();
         let here = self
             .sent
             .map(|(_, tick, _)| tick)
             .or(span.map(|[_, last]| last));
-        let nothing = "there is nothing yet that could be gone to";
+        let nothing = "there are no ticks yet";
         let at = || here.ok_or(nothing);
-        match wish {
-            Wish::Live if self.shared.mode.is_fed() => {
+        match command {
+            Command::Live if self.shared.mode.is_fed() => {
                 self.cursor.follow();
                 self.newest.mark_changed();
                 self.status.mark_changed();
             }
-            Wish::Live => {
+            Command::Live => {
                 let [_, last] = span.ok_or(nothing)?;
                 self.cursor.stay(last);
             }
-            Wish::Pause => self.cursor.stay(at()?),
-            Wish::Seek(tick) => {
+            Command::Pause => self.cursor.stay(at()?),
+            Command::Seek(tick) => {
                 let [first, last] = span.ok_or(nothing)?;
                 self.cursor.stay(tick.min(last).max(first));
             }
-            Wish::Step(ticks) => self.cursor.stay(at()? + ticks),
-            Wish::Play { speed, repeat } => self.cursor.play(at()?, self.now(), speed, repeat),
-            Wish::Camera(camera) => {
+            Command::Step(ticks) => self.cursor.stay(at()? + ticks),
+            Command::Play { speed, repeat } => self.cursor.play(at()?, self.now(), speed, repeat),
+            Command::Camera(camera) => {
                 let n = self.shared.context.venue.cameras.len();
                 if let Some(camera) = camera.filter(|camera| usize::from(*camera) >= n) {
                     return Err(format!(
@@ -268,21 +264,21 @@ impl Client {
                 self.camera = camera.map(CameraIndex);
                 self.show_again();
             }
-            Wish::Angles { persons, angles } => {
+            Command::Angles { persons, angles } => {
                 (self.persons, self.angles) = (persons, angles);
                 self.show_again();
             }
-            Wish::Rate(hz) => {
+            Command::Rate(hz) => {
                 self.most_hz = hz;
                 self.due_tick = f64::NEG_INFINITY;
             }
-            Wish::Act(action) => return self.act(action).await,
+            Command::Act(action) => return self.act(action).await,
         }
-        self.look_at = (!self.cursor.is_live()).then(Instant::now);
+        self.lookup_at = (!self.cursor.is_live()).then(Instant::now);
         Ok(())
     }
 
-    /// What was chosen belongs to the tick that is shown, too.
+    /// The selection also applies to the current tick.
     fn show_again(&mut self) {
         self.is_due_again = !self.cursor.is_live();
     }
@@ -299,11 +295,11 @@ impl Client {
         let acting = self.tasks.spawn_blocking(move || shared.act(&action));
         acting
             .await
-            .map_err(|_| "it failed in a way that nobody expected".to_owned())?
+            .map_err(|_| "the action failed unexpectedly".to_owned())?
     }
 
-    /// Sends the newest tick, where it is due.
-    async fn send_newest(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+    /// Sends the newest tick if it is due.
+    async fn send_newest(&mut self, socket: &mut WebSocket) -> Result<(), Closed> {
         let Some(frame) = self.newest.borrow_and_update().clone() else {
             return Ok(());
         };
@@ -313,7 +309,7 @@ impl Client {
         }
         if let Some(hz) = self.most_hz {
             let (tick, step) = (frame.tick.0 as f64, self.shared.context.venue.rate_hz / hz);
-            // After a leap it begins anew.
+            // Starts anew after a jump.
             let is_near = (self.due_tick - tick).abs() <= 2.0 * step + 1.0;
             if is_near && tick + 0.5 < self.due_tick {
                 return Ok(());
@@ -328,8 +324,8 @@ impl Client {
         self.send_tick(socket, &frame, first).await
     }
 
-    /// Sends the tick of the past that is due.
-    async fn look(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+    /// Sends the past tick that is due.
+    async fn send_past(&mut self, socket: &mut WebSocket) -> Result<(), Closed> {
         let span = self.shared.past.span();
         let can_follow = self.shared.mode.is_fed();
         let now = self.now();
@@ -338,14 +334,14 @@ impl Client {
             return self.wait_for_past(socket).await;
         };
         let Some(due) = due else {
-            // It has played into the newest.
-            self.look_at = None;
+            // Playback reached the newest tick.
+            self.lookup_at = None;
             self.newest.mark_changed();
             self.status.mark_changed();
-            return self.tell_playback(socket).await;
+            return self.send_playback(socket).await;
         };
         if self.sent.is_none() && self.cursor.is_playing() && self.is_loading {
-            // Play begins when there is something to play.
+            // Playback starts when there is something to play.
             self.cursor.play(
                 first.max(due),
                 now,
@@ -354,17 +350,17 @@ impl Client {
             );
         }
         let frame = match self.shared.past.at(due) {
-            Found::Frame(frame) => frame,
-            Found::Loading => return self.wait_for_past(socket).await,
-            Found::Nothing => {
-                self.look_at = None;
+            Lookup::Frame(frame) => frame,
+            Lookup::Loading => return self.wait_for_past(socket).await,
+            Lookup::Nothing => {
+                self.lookup_at = None;
                 return Ok(());
             }
         };
         self.is_loading = false;
         let least =
             Duration::from_secs_f64(1.0 / self.most_hz.unwrap_or(MAX_PAST_HZ).min(MAX_PAST_HZ));
-        self.look_at = self
+        self.lookup_at = self
             .cursor
             .period()
             .map(|period| Instant::now() + period.max(least));
@@ -379,15 +375,15 @@ impl Client {
             self.send_tick(socket, &frame, first).await?;
         }
         match self.shared.past.status_at(frame.tick) {
-            Some(status) => self.tell_status(socket, status).await,
+            Some(status) => self.send_status(socket, status).await,
             None => Ok(()),
         }
     }
 
-    async fn wait_for_past(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
-        self.look_at = Some(Instant::now() + LOADING);
+    async fn wait_for_past(&mut self, socket: &mut WebSocket) -> Result<(), Closed> {
+        self.lookup_at = Some(Instant::now() + LOADING);
         if !std::mem::replace(&mut self.is_loading, true) {
-            self.tell_playback(socket).await?;
+            self.send_playback(socket).await?;
         }
         Ok(())
     }
@@ -397,7 +393,7 @@ impl Client {
         socket: &mut WebSocket,
         frame: &SharedFrame,
         first: Message,
-    ) -> Result<(), Left> {
+    ) -> Result<(), Closed> {
         feed(socket, first).await?;
         if self.form == Form::Binary {
             let camera = self
@@ -417,15 +413,15 @@ impl Client {
         in_time(socket.flush()).await
     }
 
-    async fn tell_names(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+    async fn send_names(&mut self, socket: &mut WebSocket) -> Result<(), Closed> {
         let names = Arc::clone(&self.names.borrow_and_update());
         text(socket, TextMessage::Names { names: &names }.to_json()).await
     }
 
-    async fn tell_events(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+    async fn send_events(&mut self, socket: &mut WebSocket) -> Result<(), Closed> {
         self.events.borrow_and_update();
-        let (lines, told) = self.shared.events.after(self.told_events, FIRST_EVENTS);
-        self.told_events = told;
+        let (lines, sent) = self.shared.events.after(self.sent_events, FIRST_EVENTS);
+        self.sent_events = sent;
         if lines.is_empty() {
             return Ok(());
         }
@@ -433,12 +429,16 @@ impl Client {
         text(socket, TextMessage::Events { events }.to_json()).await
     }
 
-    async fn tell_status(&mut self, socket: &mut WebSocket, status: Arc<str>) -> Result<(), Left> {
-        let is_told = self
+    async fn send_status(
+        &mut self,
+        socket: &mut WebSocket,
+        status: Arc<str>,
+    ) -> Result<(), Closed> {
+        let is_sent = self
             .sent_status
             .as_ref()
-            .is_some_and(|told| Arc::ptr_eq(told, &status));
-        if is_told || status.is_empty() {
+            .is_some_and(|sent| Arc::ptr_eq(sent, &status));
+        if is_sent || status.is_empty() {
             return Ok(());
         }
         let json = status.to_string();
@@ -446,8 +446,8 @@ impl Client {
         text(socket, json).await
     }
 
-    /// Where the client is, where that is new; once a second in any case.
-    async fn tell_playback(&mut self, socket: &mut WebSocket) -> Result<(), Left> {
+    /// Sends the playback position if it changed.
+    async fn send_playback(&mut self, socket: &mut WebSocket) -> Result<(), Closed> {
         let span = self.shared.past.span();
         let playback = Playback {
             state: self.cursor.state(),
@@ -458,10 +458,10 @@ impl Client {
             last: span.map(|[_, last]| last),
             loading: self.is_loading || self.shared.past.is_loading(),
         };
-        if self.told_playback == Some(playback) {
+        if self.sent_playback == Some(playback) {
             return Ok(());
         }
-        self.told_playback = Some(playback);
+        self.sent_playback = Some(playback);
         text(socket, TextMessage::Playback(playback).to_json()).await
     }
 }
@@ -470,4 +470,47 @@ impl Drop for Client {
     fn drop(&mut self) {
         self.shared.clients.fetch_sub(1, Ordering::Relaxed);
     }
+}
+
+/// Maximum time for a client to accept a message.
+const SEND_TIME: Duration = Duration::from_secs(30);
+
+/// The connection is over.
+struct Closed;
+
+/// Awaits a send operation with a time limit.
+async fn in_time<T>(sending: impl Future<Output = Result<T, axum::Error>>) -> Result<T, Closed> {
+    match timeout(SEND_TIME, sending).await {
+        Ok(Ok(sent)) => Ok(sent),
+        Ok(Err(_)) | Err(_) => Err(Closed),
+    }
+}
+
+async fn send(socket: &mut WebSocket, message: Message) -> Result<(), Closed> {
+    in_time(socket.send(message)).await
+}
+
+async fn feed(socket: &mut WebSocket, message: Message) -> Result<(), Closed> {
+    in_time(socket.feed(message)).await
+}
+
+async fn text(socket: &mut WebSocket, text: String) -> Result<(), Closed> {
+    send(socket, Message::Text(text.into())).await
+}
+
+async fn answer(
+    socket: &mut WebSocket,
+    request: Option<u64>,
+    outcome: Result<(), String>,
+) -> Result<(), Closed> {
+    text(socket, TextMessage::answer(request, outcome).to_json()).await
+}
+
+async fn close(socket: &mut WebSocket, code: u16, reason: &'static str) -> Result<(), Closed> {
+    let frame = CloseFrame {
+        code,
+        reason: reason.into(),
+    };
+    send(socket, Message::Close(Some(frame))).await?;
+    Err(Closed)
 }

@@ -1,18 +1,19 @@
-//! How much of what was sent a client has read, by its answers to pings: so that what is old never waits for it in the
-//! buffers of the network. Pure: what time it is, is an argument.
+//! Flow control by answered pings, so that outdated ticks do not wait in network buffers. Pure: the
+//! time is an argument.
 
 use std::time::Duration;
 
-/// A ping follows after so many ticks.
+/// Number of ticks per ping.
 const TICKS_PER_PING: u32 = 16;
-/// With so many pings unanswered no more ticks are sent: at 60 Hz 0.8 s, more than a far link's round trip.
+/// No ticks are sent while this many pings are unanswered: at 60 Hz 0.8 s, more than the round trip
+/// of a distant link.
 const MAX_UNANSWERED: u64 = 3;
-/// A ping is due after so long without one.
+/// Maximum time without a ping.
 const LONGEST: Duration = Duration::from_secs(10);
-/// Who does not answer for so long is gone.
+/// A client that does not answer for this long is considered gone.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// What one client has read.
+/// What one client has received.
 #[derive(Debug, Clone)]
 pub(super) struct Flow {
     ticks: u32,
@@ -20,7 +21,7 @@ pub(super) struct Flow {
     sent: u64,
     answered: u64,
     pinged_at: Duration,
-    heard_at: Duration,
+    answered_at: Duration,
 }
 
 impl Flow {
@@ -30,7 +31,7 @@ impl Flow {
             sent: 0,
             answered: 0,
             pinged_at: now,
-            heard_at: now,
+            answered_at: now,
         }
     }
 
@@ -39,13 +40,13 @@ impl Flow {
         self.sent - self.answered < MAX_UNANSWERED
     }
 
-    /// Notes that a tick was sent; a ping that is due then.
+    /// Records a sent tick; returns a ping if one is due.
     pub(super) fn sent_tick(&mut self, now: Duration) -> Option<[u8; 8]> {
         self.ticks += 1;
         (self.ticks >= TICKS_PER_PING).then(|| self.ping(now))
     }
 
-    /// A ping that is due because nothing else was sent for long.
+    /// Returns a ping if none was sent for a long time.
     pub(super) fn due_ping(&mut self, now: Duration) -> Option<[u8; 8]> {
         (now.saturating_sub(self.pinged_at) >= LONGEST).then(|| self.ping(now))
     }
@@ -57,7 +58,7 @@ impl Flow {
         self.sent.to_le_bytes()
     }
 
-    /// Notes an answer; whether it is one: to what was never asked, or was answered before, it means nothing.
+    /// Records an answer; returns `false` if it answers no open ping.
     pub(super) fn answered(&mut self, payload: &[u8], now: Duration) -> bool {
         let Ok(number) = payload.try_into().map(u64::from_le_bytes) else {
             return false;
@@ -65,18 +66,18 @@ impl Flow {
         let is_answer = self.answered < number && number <= self.sent;
         if is_answer {
             self.answered = number;
-            self.heard_at = now;
+            self.answered_at = now;
         }
         is_answer
     }
 
-    /// Whether the client does not answer any more.
+    /// Whether the client no longer answers.
     pub(super) fn is_gone(&self, now: Duration) -> bool {
-        self.sent > self.answered && now.saturating_sub(self.heard_at) >= PATIENCE
+        self.sent > self.answered && now.saturating_sub(self.answered_at) >= PATIENCE
     }
 }
 
-/// How often a client may ask for something: a store of wishes that fills again.
+/// Rate limit of requests: a token bucket.
 #[derive(Debug, Clone)]
 pub(super) struct Allowance {
     left: f64,
@@ -84,9 +85,9 @@ pub(super) struct Allowance {
 }
 
 impl Allowance {
-    /// Wishes at once.
+    /// Maximum number of requests at once.
     const MOST: f64 = 40.0;
-    /// Wishes a second.
+    /// Requests per second.
     const PER_S: f64 = 20.0;
 
     pub(super) fn new(now: Duration) -> Self {
@@ -96,7 +97,7 @@ impl Allowance {
         }
     }
 
-    /// Takes one; `false`: there was none left.
+    /// Takes one; returns `false` if none is left.
     pub(super) fn take(&mut self, now: Duration) -> bool {
         let filled = now.saturating_sub(self.at).as_secs_f64() * Self::PER_S;
         self.left = (self.left + filled).min(Self::MOST);
@@ -118,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn who_does_not_read_gets_48_ticks_and_then_none_until_it_answers() {
+    fn a_client_that_does_not_read_gets_48_ticks() {
         let mut flow = Flow::new(s(0));
         let mut pings = Vec::new();
         let mut sent = 0;
@@ -132,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_to_what_was_not_asked_mean_nothing() {
+    fn answers_to_unsent_pings_are_ignored() {
         let mut flow = Flow::new(s(0));
         for payload in [&[][..], &[1; 3], &u64::MAX.to_le_bytes()] {
             assert!(!flow.answered(payload, s(1)));
@@ -143,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_silent_is_pinged_and_then_given_up() {
+    fn silent_clients_are_pinged_and_then_dropped() {
         let mut flow = Flow::new(s(0));
         assert_eq!(flow.due_ping(s(9)), None);
         let ping = flow.due_ping(s(10)).unwrap();
@@ -153,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn twenty_wishes_a_second_are_heard_and_bursts_of_forty() {
+    fn twenty_requests_a_second_and_bursts_of_forty_are_allowed() {
         let mut allowance = Allowance::new(s(0));
         assert_eq!((0..100).filter(|_| allowance.take(s(0))).count(), 40);
         assert_eq!((0..100).filter(|_| allowance.take(s(1))).count(), 20);

@@ -1,5 +1,7 @@
-//! A listener with its rules: who is let in, for how long, and what ends it. What it answers is a router's.
+//! A listener with its limits: connections, time limits, shutdown. A router answers the requests.
 
+use rustls_pki_types::pem::PemObject as _;
+use rustls_pki_types::{CertificateDer, PrivateKeyDer};
 use std::net::SocketAddr;
 use std::pin::pin;
 use std::sync::Arc;
@@ -13,30 +15,31 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsAcceptor;
+use tokio_rustls::rustls::ServerConfig;
+use tokio_rustls::rustls::crypto::ring;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::{debug, warn};
 
-use super::access::Access;
-use super::token::Token;
-use super::{HasKeys, Keys, ServerError, ServerOptions, check_reach};
+use super::access::{Access, Token};
+use super::{HasKeys, ServerError, ServerOptions, check_reach};
 
-/// Most connections at once: a browser opens six for one page.
+/// Maximum number of connections; a browser opens six for one page.
 const MAX_CONNECTIONS: usize = 128;
-/// How long a request's head, or a TLS handshake, may take.
+/// Maximum time for a request's head or a TLS handshake.
 const HEAD_TIME: Duration = Duration::from_secs(10);
-/// How long a connection is asked for more; a web socket is no request, and goes on.
+/// Time during which a connection accepts requests; web sockets continue after it.
 const CONNECTION_TIME: Duration = Duration::from_mins(1);
-/// How long an answer may take that is under way then: its client may read slowly, or not at all.
+/// Maximum time for a response that is still being sent then, since its client may read slowly.
 const ANSWER_TIME: Duration = Duration::from_secs(30);
-/// Longest head of a request, bytes.
+/// Maximum size of a request's head, bytes.
 const MAX_HEAD_BYTES: usize = 16 << 10;
-/// After the system had no connection to give (too many files are open), it is asked again so much later.
+/// Delay after the system refused a connection, for example with too many open files.
 const ACCEPT_REST: Duration = Duration::from_millis(100);
-/// How long clients may take to leave when the server stops.
+/// Maximum time for clients to leave when the server stops.
 const LEAVE_TIME: Duration = Duration::from_secs(2);
 
-/// Listens, and knows who may come.
+/// A listener with its access rules.
 pub(super) struct Listening {
     listener: TcpListener,
     address: SocketAddr,
@@ -45,7 +48,7 @@ pub(super) struct Listening {
 }
 
 impl Listening {
-    /// Listens, and makes a token where none is given.
+    /// Binds the address, and creates a token if none is given.
     pub(super) async fn bind(options: ServerOptions) -> Result<Self, ServerError> {
         let address = options.address;
         let keys = HasKeys::of(options.keys.as_ref());
@@ -65,17 +68,17 @@ impl Listening {
         })
     }
 
-    /// Where it listens.
+    /// The bound address.
     pub(super) fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Its rules.
+    /// The access rules.
     pub(super) fn access(&self) -> &Arc<Access> {
         &self.access
     }
 
-    /// Answers by `router` until `stop`; then `tasks`, to which connections belong, have a moment to leave.
+    /// Serves `router` until `stop`; then gives the connections in `tasks` a moment to leave.
     pub(super) async fn serve(
         self,
         router: axum::Router,
@@ -87,7 +90,7 @@ impl Listening {
             let stream = match accepted {
                 Ok((stream, _)) => stream,
                 Err(error) => {
-                    debug!(%error, "a connection was lost before it began");
+                    debug!(%error, "failed to accept a connection");
                     sleep(ACCEPT_REST).await;
                     continue;
                 }
@@ -104,16 +107,16 @@ impl Listening {
         }
         tasks.close();
         if timeout(LEAVE_TIME, tasks.wait()).await.is_err() {
-            warn!("some pages did not leave");
+            warn!("some pages did not disconnect in time");
         }
     }
 }
 
 /// One connection, from its handshake to its end.
 async fn connection(stream: TcpStream, tls: Option<TlsAcceptor>, router: axum::Router) {
-    // Ticks are small and late ones are worth nothing.
+    // Ticks are small, and late ones are worthless.
     if let Err(error) = stream.set_nodelay(true) {
-        debug!(%error, "a connection keeps small messages back");
+        debug!(%error, "cannot disable Nagle's algorithm for a connection");
     }
     let Some(tls) = tls else {
         return requests(stream, router, [CONNECTION_TIME, ANSWER_TIME]).await;
@@ -125,7 +128,7 @@ async fn connection(stream: TcpStream, tls: Option<TlsAcceptor>, router: axum::R
     }
 }
 
-/// Answers requests for so long; then the last answer has so long to be read.
+/// Answers requests for `ask_time`; then the last response may take `answer_time`.
 pub(super) async fn requests<S>(
     stream: S,
     router: axum::Router,
@@ -145,12 +148,67 @@ pub(super) async fn requests<S>(
     } else {
         connection.as_mut().graceful_shutdown();
         let Ok(served) = timeout(answer_time, connection).await else {
-            debug!("an answer was not read");
+            debug!("a response was not read in time");
             return;
         };
         served
     };
     if let Err(error) = served {
         debug!(%error, "a connection ended");
+    }
+}
+
+/// A certificate chain and its private key, PEM.
+pub struct Keys {
+    /// The certificate, followed by its issuers.
+    pub certificate_pem: Vec<u8>,
+    /// The key.
+    pub key_pem: Vec<u8>,
+}
+
+impl std::fmt::Debug for Keys {
+    /// Hides the key.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Keys(..)")
+    }
+}
+
+/// Why keys cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum KeysError {
+    /// The certificate is invalid.
+    #[error("the page's certificate cannot be read: {0}")]
+    Certificate(String),
+    /// There is no certificate.
+    #[error("the page's certificate: expected PEM with at least one CERTIFICATE, found none")]
+    NoCertificate,
+    /// The key is invalid.
+    #[error("the page's private key cannot be read: {0}")]
+    Key(String),
+    /// Certificate and key do not match.
+    #[error("the page's certificate and key cannot be used: {0}")]
+    Refused(String),
+}
+
+impl Keys {
+    /// A TLS acceptor with these keys.
+    fn acceptor(&self) -> Result<TlsAcceptor, KeysError> {
+        let chain: Result<Vec<_>, _> =
+            CertificateDer::pem_slice_iter(&self.certificate_pem).collect();
+        let chain = chain.map_err(|error| KeysError::Certificate(error.to_string()))?;
+        if chain.is_empty() {
+            return Err(KeysError::NoCertificate);
+        }
+        let key = PrivateKeyDer::from_pem_slice(&self.key_pem)
+            .map_err(|error| KeysError::Key(error.to_string()))?;
+        let refused = |error: tokio_rustls::rustls::Error| KeysError::Refused(error.to_string());
+        let mut config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
+            .with_safe_default_protocol_versions()
+            .map_err(refused)?
+            .with_no_client_auth()
+            .with_single_cert(chain, key)
+            .map_err(refused)?;
+        config.alpn_protocols = vec![b"http/1.1".to_vec()];
+        Ok(TlsAcceptor::from(Arc::new(config)))
     }
 }

@@ -1,22 +1,18 @@
-//! HTTP and web sockets for pages: who may ask what, and the connections.
+//! HTTP and web sockets for pages: access rules and connections.
 //!
-//! Bound to the loopback it speaks plain HTTP, and everybody on the machine may read. Beyond it there is no server without
-//! keys, and nothing is told without the token.
+//! On the loopback interface the server uses plain HTTP, and everyone on the machine may read.
+//! Elsewhere it requires keys, and every request needs the token.
 
 mod access;
-mod answers;
 mod assets;
 mod clicking;
 mod client;
 mod flow;
 mod listening;
-mod outgoing;
 mod routes;
 mod series;
 #[cfg(test)]
 mod tests;
-mod tls;
-mod token;
 
 use std::io;
 use std::net::SocketAddr;
@@ -30,31 +26,31 @@ use tokio_util::task::TaskTracker;
 
 use crate::state::{PageState, lock};
 use access::Access;
+pub use access::Token;
 pub use clicking::{Clicking, ClickingServer, Taken};
 use flow::Allowance;
 use listening::Listening;
-pub use tls::{Keys, KeysError};
-pub use token::Token;
+pub use listening::{Keys, KeysError};
 
-/// Most web sockets at once.
+/// Maximum number of web sockets.
 pub(crate) const MAX_CLIENTS: usize = 32;
 
-/// Where and for whom pages are served.
+/// Options of the server.
 #[derive(Debug)]
 pub struct ServerOptions {
-    /// Where it listens; port 0: a free one.
+    /// Listening address; port 0 selects a free one.
     pub address: SocketAddr,
-    /// Names and addresses, beside those of the loopback, by which browsers may call the server: `hall.local`,
-    /// `192.168.1.7`, `[fd00::7]`. The first is the one in the address that is printed.
+    /// Names and addresses, besides the loopback ones, that browsers may use for the server:
+    /// `hall.local`, `192.168.1.7`, `[fd00::7]`. The first one appears in the printed URL.
     pub names: Vec<String>,
-    /// Certificate and key; needed beyond the loopback.
+    /// Certificate and key; required beyond the loopback interface.
     pub keys: Option<Keys>,
-    /// What says that somebody has the address; `None`: a token that is made anew.
+    /// The token; `None` creates a new one.
     pub token: Option<Token>,
 }
 
 impl Default for ServerOptions {
-    /// On the loopback, port 7460, without keys.
+    /// Loopback, port 7460, no keys.
     fn default() -> Self {
         Self {
             address: SocketAddr::from(([127, 0, 0, 1], 7460)),
@@ -65,7 +61,7 @@ impl Default for ServerOptions {
     }
 }
 
-/// Whether there are keys for HTTPS.
+/// Whether keys for HTTPS exist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HasKeys {
     /// There are.
@@ -75,17 +71,18 @@ pub enum HasKeys {
 }
 
 impl HasKeys {
-    /// Whether these are there.
+    /// From an optional value.
     pub fn of<T>(keys: Option<&T>) -> Self {
         if keys.is_some() { Self::Yes } else { Self::No }
     }
 }
 
-/// Refuses an address at which nothing can be served, without listening there: `names` are those by which browsers may call the
-/// server.
+/// Rejects an address that cannot be served, without listening. `names` are those that browsers may
+/// use for the server.
 ///
 /// # Errors
-/// [`ServerError::NoKeys`] beyond the loopback without keys, [`ServerError::NoName`] for all addresses of a machine that has no name.
+/// [`ServerError::NoKeys`] beyond the loopback without keys; [`ServerError::NoName`] for all
+/// addresses of a machine without a name.
 pub fn check_reach(
     address: SocketAddr,
     names: &[String],
@@ -103,40 +100,40 @@ pub fn check_reach(
 /// Why pages cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
-    /// Others could read what goes over the network.
+    /// Others could read the traffic.
     #[error(
         "the page at {address} could be reached from other machines, and there are no keys for HTTPS: make some with \
          `farfield certs`, or serve it at 127.0.0.1"
     )]
     NoKeys {
-        /// Where it was to listen.
+        /// The requested address.
         address: SocketAddr,
     },
-    /// Nobody could open the page.
+    /// Browsers could not open the page.
     #[error(
         "the page at {address} listens at all addresses: name at least one by which browsers call this machine"
     )]
     NoName {
-        /// Where it was to listen.
+        /// The requested address.
         address: SocketAddr,
     },
-    /// The keys are no keys.
+    /// The keys are invalid.
     #[error(transparent)]
     Keys(#[from] KeysError),
-    /// The address cannot be had.
+    /// The address is not available.
     #[error("the page cannot listen at {address}: {source}")]
     Listen {
-        /// Where.
+        /// The address.
         address: SocketAddr,
-        /// What the system says.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// The system has no random numbers.
+    /// The system provides no random numbers.
     #[error("no token can be made: the system gives no random numbers")]
     NoRandomNumbers,
 }
 
-/// A server that listens, and serves when it is asked to.
+/// A bound server that is not serving yet.
 pub struct Server {
     state: Arc<PageState>,
     listening: Listening,
@@ -144,10 +141,10 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens, and makes a token where none is given.
+    /// Binds the address, and creates a token if none is given.
     ///
     /// # Errors
-    /// [`ServerError`]: keys that are missing or wrong, an address that cannot be had.
+    /// [`ServerError`] if keys are missing or invalid, or the address is not available.
     pub async fn bind(state: Arc<PageState>, options: ServerOptions) -> Result<Self, ServerError> {
         let listening = Listening::bind(options).await?;
         let sheet_key = Token::random().ok_or(ServerError::NoRandomNumbers)?;
@@ -158,12 +155,12 @@ impl Server {
         })
     }
 
-    /// Where it listens.
+    /// The bound address.
     pub fn address(&self) -> SocketAddr {
         self.listening.address()
     }
 
-    /// The address of the page, with the token: for the operator alone.
+    /// The page's URL with the token, for the operator only.
     pub fn url(&self) -> String {
         self.listening.access().url()
     }
@@ -173,7 +170,7 @@ impl Server {
         self.listening.access().token()
     }
 
-    /// Serves until `stop`; then clients are told, and have a moment to leave.
+    /// Serves until `stop`; then notifies clients and gives them a moment to leave.
     pub async fn serve(self, stop: CancellationToken) {
         let tasks = TaskTracker::new();
         let serving = Serving {
@@ -191,20 +188,21 @@ impl Server {
     }
 }
 
-/// What every request needs.
+/// Shared state of all requests.
 #[derive(Clone)]
 pub(crate) struct Serving {
     pub(crate) state: Arc<PageState>,
     pub(crate) access: Arc<Access>,
     pub(crate) sockets: Arc<Semaphore>,
     pub(crate) series: SeriesAllowance,
-    /// Under which key the sheet of the calibration is: told to who may read, because a browser says no token where it opens a page.
+    /// Key in the path of the calibration's sheet. Clients that may read receive it, since a
+    /// browser sends no token when it opens a page.
     pub(crate) sheet_key: Arc<Token>,
     pub(crate) tasks: TaskTracker,
     pub(crate) stop: CancellationToken,
 }
 
-/// How often the past of angles may be asked for, by all clients together: an answer goes through thousands of ticks.
+/// Rate limit of past angles for all clients together; a response covers thousands of ticks.
 #[derive(Clone)]
 pub(crate) struct SeriesAllowance {
     began: Instant,
@@ -219,7 +217,7 @@ impl SeriesAllowance {
         }
     }
 
-    /// Takes one; `false`: there was none left.
+    /// Takes one; returns `false` if none is left.
     pub(crate) fn take(&self) -> bool {
         lock(&self.left).take(self.began.elapsed())
     }

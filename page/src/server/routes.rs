@@ -1,36 +1,36 @@
-//! The paths of the server, and what every answer carries.
+//! Routes of the server, and the access check and headers of all responses.
 
 use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::extract::ws::{WebSocket, WebSocketUpgrade};
-use axum::extract::{Path, State};
+use axum::extract::{Path, Request, State};
 use axum::http::header::{
-    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH,
+    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, REFERRER_POLICY,
+    X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{HeaderMap, StatusCode, Uri};
-use axum::middleware;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri};
+use axum::middleware::{self, Next};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 use axum::{Extension, Router};
 use farfield_proto::id::CameraIndex;
 use tokio::time::Instant;
 
-use super::access::{Refusal, Rights, SUBPROTOCOL};
-use super::answers::{check, json, plain, refused};
+use super::access::{Access, Refusal, Rights, SUBPROTOCOL};
 use super::client::{Client, Form};
 use super::{Serving, assets, series};
 use crate::calibration;
 use crate::protocol::request::MAX_REQUEST_BYTES;
 
-/// A sheet is a file that somebody wrote: it may look as it likes, and do nothing.
+/// A sheet comes from a file of unknown origin: any style is allowed, and nothing active.
 const SHEET_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; \
     frame-ancestors 'none'; sandbox";
-/// What a slow client may leave unsent before sending to it waits, bytes: a tick of a crowd.
+/// Maximum number of unsent bytes before sending to a slow client waits: a tick of a crowd.
 const MAX_UNSENT_BYTES: usize = 1 << 20;
 
 pub(super) fn router(serving: Serving) -> Router {
-    // Not while the first page waits for it.
+    // Compress in the background, not while the first page waits.
     serving
         .tasks
         .spawn_blocking(|| assets::prepare(&assets::LIVE));
@@ -51,7 +51,7 @@ pub(super) fn router(serving: Serving) -> Router {
         .with_state(serving)
 }
 
-/// Whether somebody may read.
+/// Checks the right to read.
 fn may_read(rights: Rights) -> Result<(), Refusal> {
     if rights.may_read {
         Ok(())
@@ -62,12 +62,7 @@ fn may_read(rights: Rights) -> Result<(), Refusal> {
 
 async fn asset(uri: Uri, headers: HeaderMap) -> Response {
     let found = assets::answer(&assets::LIVE, uri.path(), &headers);
-    found.unwrap_or_else(|| {
-        plain(
-            StatusCode::NOT_FOUND,
-            "there is nothing here: the page is at /",
-        )
-    })
+    found.unwrap_or_else(|| plain(StatusCode::NOT_FOUND, "not found: the page is at /"))
 }
 
 async fn venue(State(serving): State<Serving>, Extension(rights): Extension<Rights>) -> Response {
@@ -86,7 +81,7 @@ async fn status(State(serving): State<Serving>, Extension(rights): Extension<Rig
     }
     let newest = serving.state.shared().status.borrow().to_string();
     if newest.is_empty() {
-        plain(StatusCode::SERVICE_UNAVAILABLE, "nothing is known yet")
+        plain(StatusCode::SERVICE_UNAVAILABLE, "there is no status yet")
     } else {
         json(StatusCode::OK, newest)
     }
@@ -103,13 +98,13 @@ async fn one_series(
     if !serving.series.take() {
         return plain(
             StatusCode::TOO_MANY_REQUESTS,
-            "the past of angles is asked for too often: wait a second",
+            "too many requests for past angles: wait a second",
         );
     }
     match series::parse(uri.query().unwrap_or_default()) {
-        Ok(asked) => json(
+        Ok(query) => json(
             StatusCode::OK,
-            series::answer(serving.state.shared(), &asked),
+            series::answer(serving.state.shared(), &query),
         ),
         Err(error) => plain(StatusCode::BAD_REQUEST, error.to_string()),
     }
@@ -129,7 +124,7 @@ async fn thumbnail(
         return plain(StatusCode::NOT_FOUND, "the venue has no such camera");
     }
     let Some(newest) = thumbnails.newest(CameraIndex(camera), Instant::now()) else {
-        // No error: browsers write those into their consoles, once a second and camera.
+        // Not an error status: browsers log those to their consoles, once per second and camera.
         return (StatusCode::NO_CONTENT, [(CACHE_CONTROL, "no-store")]).into_response();
     };
     let is_known = headers
@@ -158,13 +153,13 @@ async fn shown_calibration(
     )
 }
 
-/// The sheet, for who was told its key.
+/// The sheet, for clients that know its key.
 async fn calibration_sheet(State(serving): State<Serving>, Path(key): Path<String>) -> Response {
     let sheet = serving.state.shared().calibration.sheet.as_ref();
     let Some(sheet) = sheet.filter(|_| serving.sheet_key.is(&key)) else {
         return plain(
             StatusCode::NOT_FOUND,
-            "there is no sheet here: open it from the page, which is at /",
+            "not found: open the sheet from the page at /",
         );
     };
     let about = [
@@ -201,7 +196,7 @@ fn socket(serving: Serving, rights: Rights, upgrade: WebSocketUpgrade, form: For
             "too many pages are open: close one",
         );
     };
-    // The server waits for clients when it stops, from here on.
+    // From here on, the server waits for this client when it stops.
     let present = serving.tasks.token();
     upgrade
         .protocols([SUBPROTOCOL])
@@ -216,4 +211,59 @@ fn socket(serving: Serving, rights: Rights, upgrade: WebSocketUpgrade, form: For
             drop(permit);
             drop(present);
         })
+}
+
+/// Allows only our own scripts, styles and connections.
+const POLICY: &str = "default-src 'self'; img-src 'self' data: blob:; style-src 'self'; connect-src 'self'; \
+    object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// Rejects requests without rights before anything else, and adds security headers.
+pub(super) async fn check(
+    State(access): State<Arc<Access>>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    let mut response = match access.rights(request.headers()) {
+        Ok(rights) => {
+            request.extensions_mut().insert(rights);
+            next.run(request).await
+        }
+        Err(refusal) => refused(refusal),
+    };
+    let headers = response.headers_mut();
+    // Some documents set their own policy.
+    headers
+        .entry(CONTENT_SECURITY_POLICY)
+        .or_insert(HeaderValue::from_static(POLICY));
+    for (name, value) in [
+        (X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (REFERRER_POLICY, "no-referrer"),
+        (
+            HeaderName::from_static("cross-origin-resource-policy"),
+            "same-origin",
+        ),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+pub(super) fn refused(refusal: Refusal) -> Response {
+    plain(refusal.status(), refusal.to_string())
+}
+
+/// A plain text response.
+pub(super) fn plain(status: StatusCode, text: impl Into<String>) -> Response {
+    let mut text = text.into();
+    text.push('\n');
+    (status, text).into_response()
+}
+
+/// A JSON response.
+pub(super) fn json(status: StatusCode, text: String) -> Response {
+    let headers = [
+        (CONTENT_TYPE, "application/json"),
+        (CACHE_CONTROL, "no-store"),
+    ];
+    (status, headers, text).into_response()
 }

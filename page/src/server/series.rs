@@ -1,4 +1,4 @@
-//! The past of chosen angles: what a plot begins with.
+//! Past values of chosen angles, for the start of a plot.
 
 use farfield_proto::tick::Tick;
 use serde::Serialize;
@@ -6,23 +6,23 @@ use serde::Serialize;
 use crate::protocol::text::json;
 use crate::state::Shared;
 
-/// Most angles of one answer.
+/// Maximum number of angles per response.
 const MAX_ANGLES: usize = 8;
-/// Most ticks of one answer.
+/// Maximum number of ticks per response.
 const MAX_TICKS: usize = 4000;
-/// What is given where nothing else is asked for, seconds.
+/// Default duration, seconds.
 const USUAL_S: f64 = 10.0;
 
-/// What is asked for.
+/// A parsed query.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct AskedSeries {
+pub(crate) struct SeriesQuery {
     person: u32,
     angles: Vec<u16>,
     from: Option<Tick>,
     to: Option<Tick>,
 }
 
-/// Why it is not understood.
+/// Why a query is invalid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{field}`: found {found:?}, expected {expected}")]
 pub(crate) struct QueryError {
@@ -41,21 +41,21 @@ struct Series<'a> {
     unobserved: Vec<Vec<u16>>,
 }
 
-/// Reads the query `person=3&angles=12,13&from=1000&to=1600`.
-pub(crate) fn parse(query: &str) -> Result<AskedSeries, QueryError> {
+/// Parses the query `person=3&angles=12,13&from=1000&to=1600`.
+pub(crate) fn parse(text: &str) -> Result<SeriesQuery, QueryError> {
     let wrong = |field: &str, found: &str, expected: &str| QueryError {
         field: field.to_owned(),
         found: found.to_owned(),
         expected: expected.to_owned(),
     };
-    let mut asked = AskedSeries {
+    let mut query = SeriesQuery {
         person: 0,
         angles: Vec::new(),
         from: None,
         to: None,
     };
     let mut has_person = false;
-    for pair in query.split('&').filter(|pair| !pair.is_empty()) {
+    for pair in text.split('&').filter(|pair| !pair.is_empty()) {
         let (field, value) = pair.split_once('=').unwrap_or((pair, ""));
         let tick = || {
             value
@@ -65,47 +65,47 @@ pub(crate) fn parse(query: &str) -> Result<AskedSeries, QueryError> {
         };
         match field {
             "person" => {
-                asked.person = value.parse().map_err(|_| wrong(field, value, "an id"))?;
+                query.person = value.parse().map_err(|_| wrong(field, value, "an id"))?;
                 has_person = true;
             }
             "angles" => {
-                // A browser may write the comma as %2C.
+                // A browser may encode the comma as %2C.
                 let list = value.replace("%2C", ",").replace("%2c", ",");
                 let angles: Result<Vec<u16>, _> = list.split(',').map(str::parse).collect();
-                asked.angles = angles.map_err(|_| wrong(field, value, "numbers of angles"))?;
+                query.angles = angles.map_err(|_| wrong(field, value, "numbers of angles"))?;
             }
-            "from" => asked.from = Some(tick()?),
-            "to" => asked.to = Some(tick()?),
+            "from" => query.from = Some(tick()?),
+            "to" => query.to = Some(tick()?),
             _ => return Err(wrong(field, value, "person, angles, from or to")),
         }
     }
     if !has_person {
         return Err(wrong("person", "", "an id"));
     }
-    if asked.angles.is_empty() || asked.angles.len() > MAX_ANGLES {
-        let found = asked.angles.len().to_string();
+    if query.angles.is_empty() || query.angles.len() > MAX_ANGLES {
+        let found = query.angles.len().to_string();
         return Err(wrong("angles", &found, "1 to 8 numbers of angles"));
     }
-    Ok(asked)
+    Ok(query)
 }
 
-/// The answer, as far as the past reaches.
-pub(crate) fn answer(shared: &Shared, asked: &AskedSeries) -> String {
+/// The response, as far as the past reaches.
+pub(crate) fn answer(shared: &Shared, query: &SeriesQuery) -> String {
     let last = shared.past.span().map(|[_, last]| last);
-    let to = asked.to.or(last).unwrap_or_default();
+    let to = query.to.or(last).unwrap_or_default();
     let usual = (USUAL_S * shared.context.venue.rate_hz) as i64;
-    let from = asked.from.unwrap_or(to + -usual);
+    let from = query.from.unwrap_or(to + -usual);
     let mut series = Series {
         session: None,
-        person: asked.person,
-        angles: &asked.angles,
+        person: query.person,
+        angles: &query.angles,
         ticks: Vec::new(),
         values: Vec::new(),
         unobserved: Vec::new(),
     };
     for frame in shared.past.range([from, to], MAX_TICKS) {
         series.session = Some(frame.session);
-        let Some(angles) = frame.angles_of(asked.person) else {
+        let Some(angles) = frame.angles_of(query.person) else {
             continue;
         };
         let value = |angle: &u16| {
@@ -117,10 +117,10 @@ pub(crate) fn answer(shared: &Shared, asked: &AskedSeries) -> String {
         };
         let is_unobserved = |angle: &&u16| **angle < 64 && angles.unobserved >> **angle & 1 == 1;
         series.ticks.push(frame.tick);
-        series.values.push(asked.angles.iter().map(value).collect());
+        series.values.push(query.angles.iter().map(value).collect());
         series
             .unobserved
-            .push(asked.angles.iter().filter(is_unobserved).copied().collect());
+            .push(query.angles.iter().filter(is_unobserved).copied().collect());
     }
     json(&series)
 }
@@ -132,11 +132,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_query_is_read_and_what_is_wrong_is_named() {
-        let asked = parse("person=3&angles=12,13&from=1000&to=-1").unwrap();
+    fn queries_are_parsed_and_errors_name_the_field() {
+        let query = parse("person=3&angles=12,13&from=1000&to=-1").unwrap();
         assert_eq!(
-            asked,
-            AskedSeries {
+            query,
+            SeriesQuery {
                 person: 3,
                 angles: vec![12, 13],
                 from: Some(Tick(1000)),
@@ -144,7 +144,7 @@ mod tests {
             }
         );
         assert_eq!(parse("angles=1%2C2&person=3").unwrap().angles, [1, 2]);
-        for (query, field) in [
+        for (text, field) in [
             ("", "person"),
             ("person=x&angles=1", "person"),
             ("person=1", "angles"),
@@ -153,14 +153,14 @@ mod tests {
             ("person=1&angles=1&from=now", "from"),
             ("person=1&angles=1&by=2", "by"),
         ] {
-            assert_eq!(parse(query).unwrap_err().field, field, "{query}");
+            assert_eq!(parse(text).unwrap_err().field, field, "{text}");
         }
     }
 
     proptest! {
         #[test]
-        fn any_query_is_one_or_an_error(query in "[a-z0-9=&,%-]{0,80}") {
-            let _asked = parse(&query);
+        fn any_text_is_a_query_or_an_error(query in "[a-z0-9=&,%-]{0,80}") {
+            let _result = parse(&query);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The way of messages into the page: a queue with a size in messages and in bytes, and the thread that reads them.
+//! Queue of messages into the page, limited in messages and bytes, and the thread that reads it.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -13,22 +13,23 @@ use super::Shared;
 use super::known::context::Topic;
 use super::known::{Known, News};
 
-/// Most messages that wait: a second of eight viewpoints at 60 Hz, eight messages each.
+/// Maximum number of waiting messages: one second of eight viewpoints at 60 Hz with eight messages
+/// each.
 const MAX_WAITING: usize = 4096;
-/// Most bytes that wait.
+/// Maximum size of waiting messages, bytes.
 const MAX_WAITING_BYTES: usize = 16 << 20;
-/// After so long without a message time has gone on.
+/// Time without a message after which the clock is advanced.
 const HEARTBEAT: Duration = Duration::from_millis(250);
 const HEARTBEAT_US: Micros = 250_000;
 
-/// A message on its way.
+/// A queued message.
 struct Waiting {
     topic: Topic,
     bytes: Box<[u8]>,
     at_us: Micros,
 }
 
-/// The near end of the queue.
+/// The sending end of the queue.
 pub(crate) struct Feed {
     sender: SyncSender<Waiting>,
     waiting_bytes: Arc<AtomicUsize>,
@@ -49,7 +50,7 @@ impl Feed {
         })
     }
 
-    /// Whether there was room for a message.
+    /// Queues a message; returns whether there was room.
     pub(crate) fn offer(&self, topic: Topic, bytes: &[u8], at_us: Micros) -> bool {
         let n = bytes.len();
         let before = self.waiting_bytes.fetch_add(n, Ordering::Relaxed);
@@ -67,12 +68,12 @@ impl Feed {
     }
 }
 
-/// The far end: what is known, and what was told of it.
+/// The receiving end: the current state, and what was last published.
 struct Reading {
     shared: Arc<Shared>,
     known: Known,
-    told_us: Option<Micros>,
-    told_alarms: BTreeSet<String>,
+    published_us: Option<Micros>,
+    published_alarms: BTreeSet<String>,
 }
 
 impl Reading {
@@ -80,8 +81,8 @@ impl Reading {
         Self {
             known: Known::new(Arc::clone(&shared.context)),
             shared,
-            told_us: None,
-            told_alarms: BTreeSet::new(),
+            published_us: None,
+            published_alarms: BTreeSet::new(),
         }
     }
 
@@ -94,7 +95,7 @@ impl Reading {
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     self.known.wait(HEARTBEAT_US);
-                    self.tell_status(true);
+                    self.publish_status(true);
                 }
                 Err(RecvTimeoutError::Disconnected) => return,
             }
@@ -109,34 +110,34 @@ impl Reading {
             News::Frame(frame) => {
                 self.shared.past.push(Arc::clone(&frame));
                 self.shared.newest.send_replace(Some(frame));
-                self.tell_status(false);
+                self.publish_status(false);
             }
             News::Events(events) => self.shared.events.push(events),
-            News::Status => self.tell_status(true),
+            News::Status => self.publish_status(true),
             News::Nothing => {}
         }
     }
 
-    /// Tells how everything is, once a second; sooner where `may_be_new` and an alarm has come or gone.
-    fn tell_status(&mut self, may_be_new: bool) {
+    /// Publishes the status once a second; sooner if `may_be_new` and the set of alarms changed.
+    fn publish_status(&mut self, may_be_new: bool) {
         let now_us = self.known.now_us();
         let is_due = self
-            .told_us
-            .is_none_or(|told_us| now_us.saturating_sub(told_us) >= SECOND_US);
+            .published_us
+            .is_none_or(|published_us| now_us.saturating_sub(published_us) >= SECOND_US);
         if now_us == 0 || !(is_due || may_be_new) {
             return;
         }
-        let document = self.known.status(&self.shared.beside());
+        let document = self.known.status(&self.shared.external());
         let alarms: BTreeSet<String> = document
             .alarms
             .iter()
             .map(|alarm| alarm.key.clone())
             .collect();
-        if !is_due && alarms == self.told_alarms {
+        if !is_due && alarms == self.published_alarms {
             return;
         }
-        self.told_us = Some(now_us);
-        self.told_alarms = alarms;
+        self.published_us = Some(now_us);
+        self.published_alarms = alarms;
         let text: Arc<str> = document.to_json().into();
         if let Some(tick) = self.known.newest_tick() {
             self.shared.past.push_status(tick, Arc::clone(&text));
@@ -162,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn what_finds_no_room_is_refused_by_number_and_by_bytes() {
+    fn a_full_queue_refuses_by_count_and_by_bytes() {
         let (feed, _receiver) = without_reader();
         let taken = (0..MAX_WAITING + 10).filter(|_| feed.offer(Topic::Poses, b"x", 0));
         assert_eq!(taken.count(), MAX_WAITING);
@@ -173,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_waits_for_a_reader_that_has_gone() {
+    fn offer_returns_at_once_if_the_reader_is_gone() {
         let (feed, receiver) = without_reader();
         drop(receiver);
         assert!(!feed.offer(Topic::Poses, b"x", 0));

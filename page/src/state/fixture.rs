@@ -1,7 +1,5 @@
-//! The made-up venue of the example, for tests.
+//! The synthetic venue of the example, for tests.
 
-#[path = "../../examples/synthetic_page/made_up.rs"]
-pub(crate) mod made_up;
 #[path = "../../examples/synthetic_page/messages.rs"]
 pub(crate) mod messages;
 #[path = "../../examples/synthetic_page/people.rs"]
@@ -20,18 +18,18 @@ use super::known::{Known, News};
 /// Unix time of tick 0 in tests, microseconds.
 pub(crate) const EPOCH_US: i64 = 1_767_225_600_000_000;
 
-/// The venue at work with so many people.
+/// The synthetic venue with this many people.
 pub(crate) fn synthetic(people: u32) -> Synthetic {
     Synthetic::new(venue::venue(), people, EPOCH_US)
 }
 
-/// What is known of it beforehand.
+/// Context of the synthetic venue.
 pub(crate) fn context() -> Arc<Context> {
     Arc::new(Context::new(venue::venue(), venue::skeleton()))
 }
 
-/// Lets somebody know everything from tick `from` to `to`, not included; what `pass` refuses excepted.
-pub(crate) fn tell(
+/// Feeds all messages from tick `from` up to `to` (exclusive) that `pass` accepts.
+pub(crate) fn feed(
     known: &mut Known,
     synthetic: &Synthetic,
     [from, to]: [i64; 2],

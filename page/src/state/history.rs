@@ -1,23 +1,28 @@
-//! The last minutes, in bounded memory: ticks, and how everything was then.
+//! The last minutes in bounded memory: ticks, statuses, and identity events.
 
+use super::lock;
+use crate::protocol::text::EventLine;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::sync::Mutex;
+use tokio::sync::watch;
 
 use farfield_proto::tick::Tick;
 
 use crate::state::known::frame::{Frame, SharedFrame};
 
-/// Bounds of a history; whatever comes first.
+/// Limits of a history; the first one reached applies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HistoryBounds {
-    /// Most memory, bytes.
+    /// Maximum memory, bytes.
     pub bytes: usize,
-    /// Longest span, seconds at the venue's rate.
+    /// Maximum duration, seconds at the venue's rate.
     pub seconds: f64,
 }
 
 impl Default for HistoryBounds {
-    /// Five minutes, in the memory that eight people at 60 Hz and eight cameras take for so long.
+    /// Five minutes, with the memory that eight people at 60 Hz and eight cameras need for that
+    /// time.
     fn default() -> Self {
         Self {
             bytes: 128 << 20,
@@ -26,7 +31,7 @@ impl Default for HistoryBounds {
     }
 }
 
-/// Ticks and statuses of the last minutes, each ascending by tick.
+/// Ticks and statuses of the last minutes, each in ascending order of ticks.
 #[derive(Debug)]
 pub(crate) struct History {
     frames: VecDeque<SharedFrame>,
@@ -47,7 +52,8 @@ impl History {
         }
     }
 
-    /// Adds a tick. One that is not after the last begins a new history: fusion has begun anew.
+    /// Adds a tick. A tick that is not after the last one starts a new history, since fusion was
+    /// restarted.
     pub(crate) fn push(&mut self, frame: SharedFrame) {
         if self
             .frames
@@ -73,7 +79,7 @@ impl History {
             self.bytes = self.bytes.saturating_sub(gone.size_bytes());
         }
         let first = self.frames.front().map(|frame| frame.tick);
-        // One from before the first tick stays: it is how things were then.
+        // Keep one status from before the first tick; it applies to that tick.
         while self
             .statuses
             .get(1)
@@ -91,7 +97,7 @@ impl History {
         self.bytes = 0;
     }
 
-    /// Notes how everything was at a tick; a second one of a tick takes the place of the first.
+    /// Records the status at a tick; a second one for the same tick replaces the first.
     pub(crate) fn push_status(&mut self, tick: Tick, status: Arc<str>) {
         if let Some((last, gone)) = self.statuses.back_mut().filter(|(last, _)| *last >= tick) {
             if *last == tick {
@@ -104,30 +110,30 @@ impl History {
         self.statuses.push_back((tick, status));
     }
 
-    /// What it takes in memory, about.
+    /// Approximate memory use.
     pub(crate) fn bytes(&self) -> usize {
         self.bytes
     }
 
-    /// The first and the last tick.
+    /// First and last tick.
     pub(crate) fn span(&self) -> Option<[Tick; 2]> {
         Some([self.frames.front()?.tick, self.frames.back()?.tick])
     }
 
-    /// The last tick that is not after `tick`; else the first.
+    /// The last tick at or before `tick`; otherwise the first one.
     pub(crate) fn at(&self, tick: Tick) -> Option<SharedFrame> {
         let after = self.frames.partition_point(|frame| frame.tick <= tick);
         self.frames.get(after.saturating_sub(1)).map(Arc::clone)
     }
 
-    /// How everything was at `tick`.
+    /// Status at `tick`.
     pub(crate) fn status_at(&self, tick: Tick) -> Option<Arc<str>> {
-        let after = self.statuses.partition_point(|(of, _)| *of <= tick);
+        let after = self.statuses.partition_point(|(at, _)| *at <= tick);
         let (_, status) = self.statuses.get(after.saturating_sub(1))?;
         Some(Arc::clone(status))
     }
 
-    /// The ticks from `from` to `to`, both included; of more than `most` every n-th.
+    /// The ticks from `from` to `to`, both included; every n-th if there are more than `most`.
     pub(crate) fn range(&self, [from, to]: [Tick; 2], most: usize) -> Vec<SharedFrame> {
         let first = self.frames.partition_point(|frame| frame.tick < from);
         let end = self
@@ -140,14 +146,68 @@ impl History {
     }
 }
 
+/// Number of events that are kept.
+const MAX_EVENTS: usize = 1000;
+
+/// Events in the order in which they happened.
+#[derive(Debug)]
+pub(crate) struct EventLog {
+    lines: Mutex<VecDeque<Arc<EventLine>>>,
+    /// Total number of events so far.
+    count: watch::Sender<u64>,
+}
+
+impl Default for EventLog {
+    fn default() -> Self {
+        Self {
+            lines: Mutex::default(),
+            count: watch::Sender::new(0),
+        }
+    }
+}
+
+impl EventLog {
+    pub(crate) fn push(&self, events: Vec<EventLine>) {
+        if events.is_empty() {
+            return;
+        }
+        let mut lines = lock(&self.lines);
+        let n = events.len() as u64;
+        for event in events {
+            if lines.len() >= MAX_EVENTS {
+                lines.pop_front();
+            }
+            lines.push_back(Arc::new(event));
+        }
+        self.count.send_modify(|count| *count += n);
+    }
+
+    /// Notifies of new events.
+    pub(crate) fn watch(&self) -> watch::Receiver<u64> {
+        self.count.subscribe()
+    }
+
+    /// The events after the first `seen`, at most the last `most`; and the total number so far.
+    pub(crate) fn after(&self, seen: u64, most: usize) -> (Vec<Arc<EventLine>>, u64) {
+        let lines = lock(&self.lines);
+        let count = *self.count.borrow();
+        let new = usize::try_from(count.saturating_sub(seen)).unwrap_or(usize::MAX);
+        let n = new.min(most).min(lines.len());
+        (
+            lines.range(lines.len() - n..).map(Arc::clone).collect(),
+            count,
+        )
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::state::fixture::{context, synthetic, tell};
+    use crate::state::fixture::{context, feed, synthetic};
     use crate::state::known::{Known, News};
 
     fn frames(ticks: [i64; 2]) -> Vec<SharedFrame> {
-        let news = tell(&mut Known::new(context()), &synthetic(2), ticks, |_, _| {
+        let news = feed(&mut Known::new(context()), &synthetic(2), ticks, |_, _| {
             true
         });
         let frames = news.into_iter().filter_map(|news| match news {
@@ -162,10 +222,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_older_than_its_span_is_forgotten() {
+    fn ticks_older_than_the_span_are_removed() {
         let mut history = history(usize::MAX, 1.0);
         for frame in frames([0, 100]) {
-            history.push_status(frame.tick, Arc::from("how it was"));
+            history.push_status(frame.tick, Arc::from("status"));
             history.push(frame);
         }
         assert_eq!(history.span(), Some([Tick(39), Tick(99)]));
@@ -173,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn it_never_takes_more_than_its_bytes() {
+    fn memory_never_exceeds_the_limit() {
         let most = 200_000;
         let mut history = history(most, 1e9);
         for frame in frames([0, 300]) {
@@ -182,12 +242,12 @@ mod tests {
         }
         let [first, last] = history.span().unwrap();
         assert!(first > Tick(0) && last == Tick(299));
-        let held: usize = history.frames.iter().map(|frame| frame.size_bytes()).sum();
-        assert_eq!(history.bytes(), held);
+        let total: usize = history.frames.iter().map(|frame| frame.size_bytes()).sum();
+        assert_eq!(history.bytes(), total);
     }
 
     #[test]
-    fn a_tick_is_found_or_the_last_before_it_or_the_first() {
+    fn lookup_returns_the_tick_or_the_last_before_it_or_the_first() {
         let mut history = history(usize::MAX, 1e9);
         for frame in frames([10, 20])
             .into_iter()
@@ -203,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn fusion_that_begins_anew_begins_a_new_history() {
+    fn a_restarted_fusion_starts_a_new_history() {
         let mut history = history(usize::MAX, 1e9);
         for frame in frames([100, 110]).into_iter().chain(frames([5, 8])) {
             history.push(frame);
@@ -212,8 +272,8 @@ mod tests {
     }
 
     #[test]
-    fn five_minutes_of_eight_people_are_kept_in_the_memory_that_is_promised() {
-        let news = tell(
+    fn default_limit_holds_five_minutes_of_eight_people() {
+        let news = feed(
             &mut Known::new(context()),
             &synthetic(8),
             [600, 660],

@@ -1,9 +1,9 @@
-//! What is known of a venue now and in the last minutes, built from the messages of its nodes and shared with all pages.
+//! State of a venue now and in the last minutes, built from node messages and shared with all
+//! pages.
 //!
-//! [`PageState`] is fed from wherever messages pass; it never makes that place wait. A thread of its own decodes. Frames
-//! are encoded once and handed to all clients by a slot that holds the newest only.
+//! [`PageState`] accepts messages without ever blocking the sender. Its own thread decodes them.
+//! Frames are encoded once and reach all clients through a slot that holds only the newest.
 
-mod event_log;
 pub(crate) mod feed;
 mod history;
 pub(crate) mod known;
@@ -23,16 +23,16 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use farfield_proto::venue::Venue;
 use tokio::sync::watch;
 
-use crate::actions::{Action, PageActions};
 use crate::calibration::ShownCalibration;
+use crate::protocol::request::Action;
 use crate::protocol::status::{PageCounts, RecordingState};
 use crate::protocol::text::{ActionKind, Mode};
 use crate::protocol::venue;
 use crate::skeleton::Skeleton;
-use event_log::EventLog;
 use feed::Feed;
+use history::EventLog;
 pub use history::HistoryBounds;
-use known::Beside;
+use known::External;
 use known::context::Context;
 use known::frame::SharedFrame;
 use past::Past;
@@ -41,36 +41,49 @@ use recording::Recording;
 use thumbnails::Thumbnails;
 use tokio::time::Instant;
 
-/// What the page can be told beside the venue.
+/// Performs the actions that pages request. Called on a thread that may block, one action at a
+/// time.
+pub trait PageActions: Send + Sync {
+    /// The supported kinds of actions.
+    fn kinds(&self) -> Vec<ActionKind>;
+
+    /// Performs an action.
+    ///
+    /// # Errors
+    /// The reason for the failure, a sentence for the operator.
+    fn act(&self, action: &Action) -> Result<(), String>;
+}
+
+/// Options of the page besides the venue.
 #[derive(Default)]
 pub struct PageOptions {
-    /// How much of the past is kept, or of a recording held in memory.
+    /// Limits of the history, or of the recording data in memory.
     pub history: HistoryBounds,
-    /// Who does what pages ask for; `None`: nothing can be done.
+    /// Performs requested actions; `None` disables all actions.
     pub actions: Option<Arc<dyn PageActions>>,
-    /// What is known of the calibration beside what is in the venue.
+    /// The calibration as pages show it.
     pub calibration: ShownCalibration,
 }
 
-/// What pages show. Give it to [`crate::server::Server`], and messages to [`Self::message`].
+/// State that pages show. Pass it to [`crate::server::Server`], and messages to [`Self::message`].
 pub struct PageState {
     shared: Arc<Shared>,
     feed: Option<Feed>,
 }
 
-/// What the feed, the clients and the operator's program share.
+/// Data shared by the feed, the clients and the host program.
 pub(crate) struct Shared {
     pub(crate) context: Arc<Context>,
     pub(crate) mode: Mode,
     pub(crate) actions: Option<Arc<dyn PageActions>>,
     pub(crate) kinds: Vec<ActionKind>,
     pub(crate) calibration: ShownCalibration,
-    /// One action at a time.
+    /// Serialises actions.
     acting: Mutex<()>,
     pub(crate) venue_document: String,
     /// The newest tick: one slot, never a queue.
     pub(crate) newest: watch::Sender<Option<SharedFrame>>,
-    /// The newest tick that was asked for as JSON: it is made once for all who want it.
+    /// JSON of the newest requested tick, created once for all clients.
     newest_json: Mutex<Option<(SharedFrame, Arc<str>)>>,
     pub(crate) status: watch::Sender<Arc<str>>,
     pub(crate) names: watch::Sender<Arc<BTreeMap<u32, String>>>,
@@ -82,16 +95,16 @@ pub(crate) struct Shared {
     pub(crate) dropped: AtomicU64,
 }
 
-/// The lock's content, also after a panic of another thread: what it holds is replaced as a whole.
+/// Locks a mutex even after another thread panicked: its content is always replaced as a whole.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl PageState {
-    /// The state of a running venue, to be fed with [`Self::message`].
+    /// State of a running venue, fed with [`Self::message`].
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// If no thread can be started.
     pub fn live(
         venue: Venue,
         skeleton: Skeleton,
@@ -100,10 +113,10 @@ impl PageState {
         Self::fed(venue, skeleton, options, Mode::Live)
     }
 
-    /// The state of a recording that is solved again, to be fed with the poses and events that it comes to.
+    /// State of a recording that is solved again, fed with the resulting poses and events.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// If no thread can be started.
     pub fn replay(
         venue: Venue,
         skeleton: Skeleton,
@@ -127,10 +140,10 @@ impl PageState {
         }))
     }
 
-    /// The state of a recording, which is read where clients are.
+    /// State of a recording, which is read where clients are.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// If no thread can be started.
     pub fn recording(
         venue: Venue,
         skeleton: Skeleton,
@@ -144,8 +157,9 @@ impl PageState {
         Ok(Arc::new(Self { shared, feed: None }))
     }
 
-    /// Takes a message as it was on the wire: its key, its payload, and when it came or went, microseconds of Unix time by
-    /// fusion's clock. Never waits: what finds no room is dropped and counted. A recording takes none.
+    /// Accepts a wire message: key, payload, and the time when it was sent or received,
+    /// microseconds of Unix time by fusion's clock. Never blocks: without room the message is
+    /// dropped and counted. Recordings ignore it.
     pub fn message(&self, key: &str, bytes: &[u8], at_us: i64) {
         let topic = self.shared.context.topic(key);
         if let (Some(topic), Some(feed)) = (topic, &self.feed)
@@ -155,22 +169,23 @@ impl PageState {
         }
     }
 
-    /// Takes a thumbnail as it was on the wire, in the place of the one before of its camera. What is none is dropped.
+    /// Accepts a thumbnail from the wire; it replaces the camera's previous one. Invalid thumbnails
+    /// are dropped.
     pub fn thumbnail(&self, bytes: &[u8]) {
         self.shared.thumbnails.take(bytes, Instant::now());
     }
 
-    /// Tells pages whether a recording runs; `None`: nobody can say.
+    /// Sets whether a recording runs, for pages; `None` if unknown.
     pub fn set_recording(&self, recording: Option<RecordingState>) {
         *lock(&self.shared.recording) = recording;
     }
 
-    /// Tells pages the names of people, by id.
+    /// Sets the names of people by id, for pages.
     pub fn set_names(&self, names: BTreeMap<u32, String>) {
         self.shared.names.send_replace(Arc::new(names));
     }
 
-    /// Messages that found no room so far.
+    /// Number of messages dropped so far for lack of room.
     pub fn dropped(&self) -> u64 {
         self.shared.dropped.load(Ordering::Relaxed)
     }
@@ -218,9 +233,9 @@ impl Shared {
         })
     }
 
-    /// A tick that came just now, as JSON.
+    /// JSON of a tick that just arrived.
     pub(crate) fn live_json(&self, frame: &SharedFrame) -> Arc<str> {
-        // Who comes while it is made waits: that is shorter than to make it again.
+        // Clients that arrive during encoding wait; that is shorter than encoding again.
         let mut newest = lock(&self.newest_json);
         match &*newest {
             Some((of, json)) if Arc::ptr_eq(of, frame) => Arc::clone(json),
@@ -232,9 +247,9 @@ impl Shared {
         }
     }
 
-    /// What a status is told of by others than the messages.
-    pub(crate) fn beside(&self) -> Beside {
-        Beside {
+    /// Status inputs that do not come from messages.
+    pub(crate) fn external(&self) -> External {
+        External {
             recording: lock(&self.recording).clone(),
             counts: PageCounts {
                 clients: self.clients.load(Ordering::Relaxed),
@@ -244,7 +259,7 @@ impl Shared {
         }
     }
 
-    /// Does what a page asks for; may wait.
+    /// Performs an action requested by a page; may block.
     pub(crate) fn act(&self, action: &Action) -> Result<(), String> {
         let actions = self
             .actions

@@ -1,4 +1,4 @@
-//! The ticks that can be gone to: of the last minutes, or of a recording.
+//! Ticks that clients can seek to: the last minutes, or a recording.
 
 use std::sync::{Arc, Mutex};
 
@@ -7,14 +7,14 @@ use farfield_proto::tick::Tick;
 use super::history::{History, HistoryBounds};
 use super::known::frame::SharedFrame;
 use super::lock;
-pub(crate) use super::recording::Found;
+pub(crate) use super::recording::Lookup;
 use super::recording::Recording;
 
-/// Where the past is kept.
+/// Where the past is stored.
 pub(crate) enum Past {
     /// In memory.
     Live(Mutex<History>),
-    /// In a file, of which the parts in use are in memory.
+    /// In a file; the parts in use are in memory.
     Recording(Arc<Recording>),
 }
 
@@ -35,7 +35,7 @@ impl Past {
         }
     }
 
-    /// The first and the last tick that can be gone to.
+    /// The first and last tick that clients can seek to.
     pub(crate) fn span(&self) -> Option<[Tick; 2]> {
         match self {
             Self::Live(history) => lock(history).span(),
@@ -43,18 +43,18 @@ impl Past {
         }
     }
 
-    /// The tick, or the last before it, or the first.
-    pub(crate) fn at(&self, tick: Tick) -> Found {
+    /// The tick, otherwise the last one before it, otherwise the first.
+    pub(crate) fn at(&self, tick: Tick) -> Lookup {
         match self {
             Self::Live(history) => {
                 let found = lock(history).at(tick);
-                found.map_or(Found::Nothing, Found::Frame)
+                found.map_or(Lookup::Nothing, Lookup::Frame)
             }
             Self::Recording(recording) => recording.at(tick),
         }
     }
 
-    /// How everything was then.
+    /// The status at a tick.
     pub(crate) fn status_at(&self, tick: Tick) -> Option<Arc<str>> {
         match self {
             Self::Live(history) => lock(history).status_at(tick),
@@ -62,7 +62,7 @@ impl Past {
         }
     }
 
-    /// Ticks of a range that are in memory; of more than `most` every n-th.
+    /// Ticks of a range that are in memory; every n-th if more than `most`.
     pub(crate) fn range(&self, range: [Tick; 2], most: usize) -> Vec<SharedFrame> {
         match self {
             Self::Live(history) => lock(history).range(range, most),

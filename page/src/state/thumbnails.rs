@@ -1,4 +1,4 @@
-//! The newest thumbnail of each camera, for people to look at: one slot each, and nothing of the past.
+//! The newest thumbnail of each camera: one slot each, without history.
 
 use std::sync::Mutex;
 use std::time::Duration;
@@ -11,13 +11,13 @@ use tokio::time::Instant;
 
 use super::lock;
 
-/// A thumbnail that is older is not shown any more: it would be taken for what is there now.
+/// Older thumbnails are not shown, since they would be mistaken for the current view.
 const FRESH: Duration = Duration::from_secs(10);
 
 /// The thumbnails of a venue's cameras.
-pub(crate) struct Thumbnails(Mutex<Vec<Option<Kept>>>);
+pub(crate) struct Thumbnails(Mutex<Vec<Option<Stored>>>);
 
-struct Kept {
+struct Stored {
     shown: ShownThumbnail,
     came: Instant,
 }
@@ -25,19 +25,19 @@ struct Kept {
 /// A thumbnail as it is served.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ShownThumbnail {
-    /// What tells it from any other of its camera, an `ETag`.
+    /// `ETag` that distinguishes it from other thumbnails of the camera.
     pub(crate) tag: String,
     /// A JPEG file.
     pub(crate) jpeg: Bytes,
 }
 
 impl Thumbnails {
-    /// Of so many cameras: none yet.
+    /// Empty slots for this many cameras.
     pub(super) fn new(cameras: usize) -> Self {
         Self(Mutex::new((0..cameras).map(|_| None).collect()))
     }
 
-    /// Takes a message in the place of the one before; whether it was a thumbnail of a camera of the venue.
+    /// Stores the thumbnail of a message; returns whether it was one of a camera of the venue.
     pub(super) fn take(&self, bytes: &[u8], now: Instant) -> bool {
         let Ok(thumbnail) = wire::decode::<Thumbnail>(bytes) else {
             return false;
@@ -47,7 +47,7 @@ impl Thumbnails {
             return false;
         };
         let tag = format!("\"{:x}-{}\"", thumbnail.session.0, thumbnail.tick.0);
-        *slot = Some(Kept {
+        *slot = Some(Stored {
             shown: ShownThumbnail {
                 tag,
                 jpeg: thumbnail.jpeg.into(),
@@ -57,17 +57,17 @@ impl Thumbnails {
         true
     }
 
-    /// Whether the venue has a camera.
+    /// Whether the venue has this camera.
     pub(crate) fn has(&self, camera: CameraIndex) -> bool {
         usize::from(camera.0) < lock(&self.0).len()
     }
 
-    /// The newest of a camera, if it is new.
+    /// The newest thumbnail of a camera, if it is recent.
     pub(crate) fn newest(&self, camera: CameraIndex, now: Instant) -> Option<ShownThumbnail> {
         let slots = lock(&self.0);
-        let kept = slots.get(usize::from(camera.0))?.as_ref()?;
-        let is_fresh = now.saturating_duration_since(kept.came) <= FRESH;
-        is_fresh.then(|| kept.shown.clone())
+        let stored = slots.get(usize::from(camera.0))?.as_ref()?;
+        let is_fresh = now.saturating_duration_since(stored.came) <= FRESH;
+        is_fresh.then(|| stored.shown.clone())
     }
 }
 
@@ -78,7 +78,7 @@ pub(crate) mod tests {
 
     use super::*;
 
-    /// The message of a camera's thumbnail at a tick; its picture is a head only.
+    /// Thumbnail message of a camera at a tick; its image is only a JPEG header.
     pub(crate) fn message(camera: u16, tick: i64) -> Vec<u8> {
         let jpeg = [
             0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0, 180, 1, 64, 1, 1, 0x11, 0, 0xff, 0xd9,
@@ -93,7 +93,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_newest_of_each_camera_is_kept_and_shown_while_it_is_new() {
+    fn the_newest_thumbnail_is_shown_while_it_is_recent() {
         let (thumbnails, now) = (Thumbnails::new(2), Instant::now());
         let tag = |camera, at| thumbnails.newest(CameraIndex(camera), at).map(|t| t.tag);
         assert_eq!(tag(1, now), None);
@@ -105,7 +105,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_is_no_thumbnail_of_the_venue_is_not_kept() {
+    fn invalid_thumbnails_are_dropped() {
         let (thumbnails, now) = (Thumbnails::new(2), Instant::now());
         assert!(!thumbnails.take(&message(2, 60), now));
         assert!(!thumbnails.take(b"\x06<svg>", now));

@@ -1,12 +1,12 @@
-//! The page of marks: nothing without the token, and what is sent is bounded.
+//! Tests of the page for clicking marks: it requires the token, and submissions are limited.
 
 use super::*;
 use crate::server::{Clicking, ClickingServer, Taken};
 
-/// Takes what it is told to.
-struct Pretended;
+/// Returns the result named by the submission.
+struct FakeClicking;
 
-impl Clicking for Pretended {
+impl Clicking for FakeClicking {
     fn document(&self) -> String {
         "{\"file\":\"clicked.toml\"}".to_owned()
     }
@@ -16,12 +16,12 @@ impl Clicking for Pretended {
     }
 
     fn take(&self, clicked: &[u8]) -> Taken {
-        let said = String::from_utf8_lossy(clicked).into_owned();
-        match said.as_str() {
-            "behind" => Taken::Behind(said),
-            "wrong" => Taken::Refused(said),
-            "full" => Taken::Failed(said),
-            _ => Taken::Written(said),
+        let text = String::from_utf8_lossy(clicked).into_owned();
+        match text.as_str() {
+            "behind" => Taken::Behind(text),
+            "wrong" => Taken::Refused(text),
+            "full" => Taken::Failed(text),
+            _ => Taken::Written(text),
         }
     }
 }
@@ -39,7 +39,7 @@ impl Served {
             address: SocketAddr::from(([127, 0, 0, 1], 0)),
             ..ServerOptions::default()
         };
-        let server = ClickingServer::bind(Arc::new(Pretended), options)
+        let server = ClickingServer::bind(Arc::new(FakeClicking), options)
             .await
             .unwrap();
         assert!(server.url().contains(server.token().text()));
@@ -73,7 +73,7 @@ impl Served {
 }
 
 #[tokio::test]
-async fn without_the_token_there_is_the_empty_page_and_nothing_else() {
+async fn without_the_token_only_the_empty_page_is_served() {
     let served = Served::start().await;
     for path in ["GET /", "GET /marks.js", "GET /marks.css"] {
         let page = served.ask(path, "", "").await;
@@ -100,17 +100,17 @@ async fn without_the_token_there_is_the_empty_page_and_nothing_else() {
 }
 
 #[tokio::test]
-async fn what_becomes_of_a_change_is_said_by_the_status() {
+async fn the_status_code_shows_the_result_of_a_submission() {
     let served = Served::start().await;
-    for (said, status) in [
+    for (text, status) in [
         ("all", "200"),
         ("behind", "409"),
         ("wrong", "400"),
         ("full", "500"),
     ] {
-        let answer = served.ask("PUT /api/marks", &served.bearer, said).await;
+        let answer = served.ask("PUT /api/marks", &served.bearer, text).await;
         assert_eq!(code(&answer), status);
-        assert!(answer.contains(&format!("\r\n\r\n{said}")), "{answer}");
+        assert!(answer.contains(&format!("\r\n\r\n{text}")), "{answer}");
     }
     assert!(
         served
@@ -137,11 +137,11 @@ async fn what_becomes_of_a_change_is_said_by_the_status() {
 }
 
 #[tokio::test]
-async fn beyond_the_loopback_it_is_not_served_without_keys() {
+async fn beyond_the_loopback_keys_are_required() {
     let options = ServerOptions {
         address: SocketAddr::from(([0, 0, 0, 0], 0)),
         ..ServerOptions::default()
     };
-    let refused = ClickingServer::bind(Arc::new(Pretended), options).await;
+    let refused = ClickingServer::bind(Arc::new(FakeClicking), options).await;
     assert!(matches!(refused, Err(ServerError::NoKeys { .. })));
 }

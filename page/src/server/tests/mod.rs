@@ -1,6 +1,5 @@
-//! What a stranger, a page and the operator's own browser get.
+//! Tests of the server: strangers, pages, and the operator.
 
-mod calibration;
 mod clicking;
 mod pages;
 mod strangers;
@@ -28,25 +27,25 @@ use tokio_util::task::TaskTracker;
 
 use super::listening::requests;
 use super::{Keys, MAX_CLIENTS, Server, ServerError, ServerOptions, Token};
-use crate::actions::{Action, ActionKind, PageActions};
 use crate::protocol::camera_view::CameraView;
 use crate::protocol::chosen_angles::ChosenAngles;
+use crate::protocol::request::Action;
+use crate::protocol::text::ActionKind;
 use crate::protocol::tick::TickMessage;
-use crate::state::fixture::made_up::MadeUp;
-use crate::state::fixture::messages::Synthetic;
+use crate::state::fixture::messages::{Synthetic, SyntheticRecording};
 use crate::state::fixture::{synthetic, venue};
-use crate::state::{PageOptions, PageState};
+use crate::state::{PageActions, PageOptions, PageState};
 
-/// Longer than anything takes on a busy machine.
+/// Longer than any operation on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 type Socket = WebSocketStream<TcpStream>;
 
-/// Notes what it is asked to do.
+/// Records requested actions.
 #[derive(Default)]
-struct Asked(Mutex<Vec<Action>>);
+struct RecordedActions(Mutex<Vec<Action>>);
 
-impl PageActions for Asked {
+impl PageActions for RecordedActions {
     fn kinds(&self) -> Vec<ActionKind> {
         vec![ActionKind::NamePerson]
     }
@@ -54,14 +53,14 @@ impl PageActions for Asked {
     fn act(&self, action: &Action) -> Result<(), String> {
         self.0.lock().unwrap().push(action.clone());
         match action {
-            Action::NamePerson { person: 13, .. } => Err("nobody is called so".to_owned()),
+            Action::NamePerson { person: 13, .. } => Err("no such person".to_owned()),
             _ => Ok(()),
         }
     }
 }
 
 /// A server on a free port of the loopback.
-struct Running {
+struct TestServer {
     state: Arc<PageState>,
     synthetic: Synthetic,
     address: SocketAddr,
@@ -70,12 +69,12 @@ struct Running {
     serving: JoinHandle<()>,
 }
 
-/// Serves beside the test.
+/// Serves in the background.
 fn serving(server: Server, stop: &CancellationToken) -> JoinHandle<()> {
     TaskTracker::new().spawn(server.serve(stop.clone()))
 }
 
-impl Running {
+impl TestServer {
     async fn serve(state: Arc<PageState>) -> Self {
         let options = ServerOptions {
             address: SocketAddr::from(([127, 0, 0, 1], 0)),
@@ -95,14 +94,14 @@ impl Running {
 
     async fn live() -> Self {
         let options = PageOptions {
-            actions: Some(Arc::new(Asked::default())),
+            actions: Some(Arc::new(RecordedActions::default())),
             ..PageOptions::default()
         };
         Self::serve(PageState::live(venue::venue(), venue::skeleton(), options).unwrap()).await
     }
 
-    /// Lets ticks pass, all at once.
-    fn pass(&self, ticks: impl IntoIterator<Item = i64>) {
+    /// Feeds the messages of ticks, all at once.
+    fn feed(&self, ticks: impl IntoIterator<Item = i64>) {
         for (key, bytes, at_us) in ticks
             .into_iter()
             .flat_map(|t| self.synthetic.messages(Tick(t)))
@@ -111,16 +110,16 @@ impl Running {
         }
     }
 
-    /// Lets ticks pass, and waits until pages can have them.
-    async fn pass_and_wait(&self, [from, to]: [i64; 2]) {
-        self.pass(from..to);
+    /// Feeds ticks and waits until pages can receive them.
+    async fn feed_and_wait(&self, [from, to]: [i64; 2]) {
+        self.feed(from..to);
         let mut newest = self.state.shared().newest.subscribe();
         let is_there =
             newest.wait_for(|frame| frame.as_ref().is_some_and(|f| f.tick == Tick(to - 1)));
         timeout(PATIENCE, is_there).await.unwrap().unwrap();
     }
 
-    /// The answer to a request with these further headers, as text.
+    /// The response to a request with these additional headers, as text.
     async fn get(&self, path: &str, headers: &str) -> String {
         let host = if headers.contains("Host:") {
             ""
@@ -164,7 +163,7 @@ impl Running {
 async fn exchange(mut stream: impl AsyncRead + AsyncWrite + Unpin, request: &str) -> String {
     stream.write_all(request.as_bytes()).await.unwrap();
     let mut answer = Vec::new();
-    // An end without a farewell is an end, too.
+    // An end without a close notification is accepted.
     let _n = stream.read_to_end(&mut answer).await;
     String::from_utf8_lossy(&answer).into_owned()
 }
@@ -201,7 +200,7 @@ async fn tick_at(socket: &mut Socket, at: i64) -> TickMessage {
     }
 }
 
-/// The next text message of a type that `is` it.
+/// The next text message of the kind for which `is` returns true.
 async fn text(socket: &mut Socket, kind: &str, is: impl Fn(&Value) -> bool) -> Value {
     loop {
         if let Message::Text(text) = next(socket).await {
@@ -213,11 +212,11 @@ async fn text(socket: &mut Socket, kind: &str, is: impl Fn(&Value) -> bool) -> V
     }
 }
 
-async fn say(socket: &mut Socket, text: &str) {
+async fn send_text(socket: &mut Socket, text: &str) {
     socket.send(Message::text(text)).await.unwrap();
 }
 
-/// With which code a socket is closed.
+/// The code with which a socket is closed.
 async fn closed(socket: &mut Socket) -> u16 {
     loop {
         match timeout(PATIENCE, socket.next()).await.unwrap() {

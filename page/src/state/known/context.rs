@@ -1,4 +1,4 @@
-//! What the page knows beforehand: the venue, its keys, how bodies are described.
+//! What the page knows in advance: the venue, its keys, and how bodies are described.
 
 use std::collections::BTreeMap;
 
@@ -11,14 +11,14 @@ use farfield_proto::venue::Venue;
 use crate::protocol::tick::JointGrid;
 use crate::skeleton::Skeleton;
 
-/// What a key of the venue carries, as far as the page wants it.
+/// Content of the keys that the page uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Topic {
-    /// The persons of a tick.
+    /// The people of a tick.
     Poses,
-    /// What changed who is who.
+    /// Identity events.
     Events,
-    /// Who was taken for a subject of the venue.
+    /// Matches of people to the venue's subjects.
     Namings,
     /// Maps of a viewpoint.
     Patches(ViewpointIndex),
@@ -26,11 +26,11 @@ pub(crate) enum Topic {
     Sightings(ViewpointIndex),
     /// Boxes for a viewpoint.
     Boxes(ViewpointIndex),
-    /// Fusion's status, or that of an edge.
+    /// Status of fusion (`None`) or of an edge.
     Status(Option<ViewpointIndex>),
 }
 
-/// What does not change while the page is served.
+/// Data that stays constant while the page is served.
 #[derive(Debug)]
 pub(crate) struct Context {
     pub(crate) venue: Venue,
@@ -65,12 +65,12 @@ impl Context {
         }
     }
 
-    /// What stands under a key; `None`: nothing that the page shows.
+    /// The topic of a key; `None` if the page does not use it.
     pub(crate) fn topic(&self, key: &str) -> Option<Topic> {
         self.topics.get(key).copied()
     }
 
-    /// The name of a node: fusion's, or an edge's.
+    /// Name of fusion or of an edge.
     pub(crate) fn node_name(&self, node: Option<ViewpointIndex>) -> &str {
         let viewpoint = node.map(|index| self.venue.viewpoints.get(usize::from(index.0)));
         viewpoint.map_or(FUSION, |known| {
@@ -78,15 +78,15 @@ impl Context {
         })
     }
 
-    /// What the venue lets a link carry, bytes a second.
+    /// The venue's limit for a link, bytes per second.
     pub(crate) fn budget_bytes_per_s(&self) -> Option<f64> {
         let budget = self.venue.parameters.link.budget_bytes_per_s;
         (budget > 0.0).then_some(budget)
     }
 
-    /// The compression level that the venue asks for.
+    /// The compression level that the venue configures.
     pub(crate) fn usual_level(&self) -> u8 {
-        let asked = self.venue.parameters.link.quality;
-        asked.unwrap_or(CompressionLevel::DEFAULT).number()
+        let configured = self.venue.parameters.link.quality;
+        configured.unwrap_or(CompressionLevel::DEFAULT).number()
     }
 }

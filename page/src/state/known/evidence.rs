@@ -1,5 +1,5 @@
-//! What led to the poses of a tick: who was cropped from which camera, where boxes were, what detectors found. Kept for
-//! the ticks around the newest, until their poses come.
+//! Inputs that led to the poses of a tick: crops, boxes and sightings. Kept for the ticks around
+//! the newest until their poses arrive.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -9,18 +9,18 @@ use farfield_proto::message::identity_event::{Change, IdentityEvent};
 use farfield_proto::message::{BoxSet, CameraBox, PatchSet, Sighting, SightingSet};
 use farfield_proto::tick::Tick;
 
-/// Ticks that are kept while their poses are not there.
+/// Maximum number of ticks that wait for poses.
 const MAX_TICKS: usize = 256;
-/// How far from the newest poses a tick may be, ticks: what is farther was made by a clock that is wrong.
+/// Maximum distance of a tick from the newest poses, ticks; farther ones come from wrong clocks.
 const MAX_DISTANCE: i64 = 1200;
-/// Most crops and most sightings that are kept of a tick.
+/// Maximum numbers of crops and of sightings per tick.
 const MAX_CROPS: usize = 4096;
 const MAX_SIGHTINGS: usize = 1024;
-/// Box sets that are kept of a viewpoint.
+/// Number of box sets kept per viewpoint.
 const MAX_BOX_SETS: usize = 64;
-/// Most boxes of a set, over all cameras.
+/// Maximum number of boxes per set, over all cameras.
 const MAX_BOXES: usize = 4096;
-/// Most persons whose names on the wire are known.
+/// Maximum number of people with known wire ids.
 const MAX_WIRE_IDS: usize = 4096;
 
 /// A person in a camera.
@@ -32,25 +32,26 @@ pub(in crate::state) struct FrameBox {
     pub(in crate::state) is_chosen: bool,
 }
 
-/// What is known of a tick.
+/// Inputs of one tick.
 #[derive(Debug, Clone, Default)]
 pub(in crate::state) struct TickEvidence {
-    /// Who was cropped from which camera at which viewpoint, and where boxes were.
+    /// Boxes, with a mark on those that were cropped.
     pub(in crate::state) boxes: Vec<FrameBox>,
     crops: Vec<(ViewpointIndex, PersonId, CameraIndex)>,
-    /// What detectors found.
+    /// Detected people without a box.
     pub(in crate::state) sightings: Vec<Sighting>,
-    /// When the last maps came, microseconds of Unix time.
+    /// When the last maps arrived, microseconds of Unix time.
     pub(in crate::state) newest_patch_us: Option<i64>,
-    /// The earliest capture less the tick's time, microseconds.
+    /// Earliest capture relative to the tick's time, microseconds.
     pub(in crate::state) earliest_capture_us: Option<i32>,
 }
 
 impl TickEvidence {
     /// Bit v: viewpoint v sent maps of the person.
     pub(in crate::state) fn viewpoints_of(&self, person: PersonId) -> u64 {
-        let of = self.crops.iter().filter(|(_, who, _)| *who == person);
-        of.filter(|(viewpoint, ..)| viewpoint.0 < 64)
+        let crops = self.crops.iter().filter(|(_, id, _)| *id == person);
+        crops
+            .filter(|(viewpoint, ..)| viewpoint.0 < 64)
             .fold(0, |bits, (viewpoint, ..)| bits | 1 << viewpoint.0)
     }
 }
@@ -58,12 +59,12 @@ impl TickEvidence {
 /// The boxes for a viewpoint at a tick.
 type BoxesOfTick = (Tick, Vec<(PersonId, CameraBox)>);
 
-/// What is kept of the ticks around the newest.
+/// Inputs of the ticks around the newest.
 #[derive(Debug, Clone, Default)]
 pub(in crate::state) struct Evidence {
     ticks: BTreeMap<Tick, TickEvidence>,
     boxes: BTreeMap<ViewpointIndex, VecDeque<BoxesOfTick>>,
-    /// Ids as poses have them, by the ids of patches and boxes, where the two differ.
+    /// Published ids by the ids in patches and boxes, where they differ.
     ids: BTreeMap<PersonId, PersonId>,
     newest: Option<Tick>,
 }
@@ -76,7 +77,7 @@ impl Evidence {
             return None;
         }
         if self.ticks.len() >= MAX_TICKS && !self.ticks.contains_key(&tick) {
-            // The poses that are due next are the nearest; what is far ahead was made by a clock that is wrong.
+            // The next poses are nearest; ticks far ahead come from a wrong clock.
             if self.newest.is_some()
                 && self
                     .ticks
@@ -123,8 +124,8 @@ impl Evidence {
     pub(in crate::state) fn take_boxes(&mut self, viewpoint: ViewpointIndex, set: BoxSet) {
         let sets = self.boxes.entry(viewpoint).or_default();
         let boxes = set.persons.into_iter().flat_map(|person| {
-            let who = person.person;
-            person.cameras.into_iter().map(move |camera| (who, camera))
+            let id = person.person;
+            person.cameras.into_iter().map(move |camera| (id, camera))
         });
         if let Some((_, known)) = sets.iter_mut().find(|(tick, _)| *tick == set.tick) {
             let room = MAX_BOXES.saturating_sub(known.len());
@@ -137,7 +138,7 @@ impl Evidence {
         sets.push_back((set.tick, boxes.take(MAX_BOXES).collect()));
     }
 
-    /// Notes by which id patches name a person.
+    /// Records which id patches use for a person.
     pub(in crate::state) fn take_event(&mut self, event: &IdentityEvent) {
         let id = match event.change {
             Change::Recognise { old, .. } => old,
@@ -150,16 +151,16 @@ impl Evidence {
         }
     }
 
-    /// Who is who, and nothing of single ticks.
-    pub(in crate::state) fn essence(&self) -> Self {
+    /// The ids of people, without data of single ticks.
+    pub(in crate::state) fn checkpoint(&self) -> Self {
         Self {
             ids: self.ids.clone(),
             ..Self::default()
         }
     }
 
-    /// What is known of a tick whose poses have come; earlier ticks are forgotten.
-    pub(in crate::state) fn of_tick(&mut self, tick: Tick) -> TickEvidence {
+    /// Takes the inputs of a tick whose poses arrived; earlier ticks are dropped.
+    pub(in crate::state) fn take_tick(&mut self, tick: Tick) -> TickEvidence {
         let mut found = self.ticks.remove(&tick).unwrap_or_default();
         self.ticks = self.ticks.split_off(&tick);
         self.newest = Some(tick);
@@ -168,7 +169,7 @@ impl Evidence {
             *person = published(*person);
         }
         for sets in self.boxes.values() {
-            let Some((of, boxes)) = nearest(sets, tick) else {
+            let Some((at, boxes)) = nearest(sets, tick) else {
                 continue;
             };
             found
@@ -176,7 +177,7 @@ impl Evidence {
                 .extend(boxes.iter().map(|(person, camera)| FrameBox {
                     person: published(*person),
                     camera: camera.camera,
-                    bounding_box: Some(camera.bounding_box.moved_on(&camera.rate, tick - *of)),
+                    bounding_box: Some(camera.bounding_box.moved_on(&camera.rate, tick - *at)),
                     is_chosen: false,
                 }));
         }
@@ -185,20 +186,20 @@ impl Evidence {
     }
 }
 
-/// The newest set for `tick` or before; else the first after it.
+/// The newest set at or before `tick`; otherwise the first after it.
 fn nearest<T>(sets: &VecDeque<(Tick, T)>, tick: Tick) -> Option<&(Tick, T)> {
     let before = sets
         .iter()
-        .filter(|(of, _)| *of <= tick)
-        .max_by_key(|(of, _)| *of);
-    before.or_else(|| sets.iter().min_by_key(|(of, _)| *of))
+        .filter(|(at, _)| *at <= tick)
+        .max_by_key(|(at, _)| *at);
+    before.or_else(|| sets.iter().min_by_key(|(at, _)| *at))
 }
 
-/// Marks the boxes that edges took crops for; a crop without a box gets a mark of its own.
+/// Marks the boxes that edges cropped; adds an entry for crops without a box.
 fn mark_chosen(evidence: &mut TickEvidence) {
     for (_, person, camera) in &evidence.crops {
-        let of = |b: &&mut FrameBox| b.person == *person && b.camera == *camera;
-        match evidence.boxes.iter_mut().find(of) {
+        let is_it = |b: &&mut FrameBox| b.person == *person && b.camera == *camera;
+        match evidence.boxes.iter_mut().find(is_it) {
             Some(found) => found.is_chosen = true,
             None => evidence.boxes.push(FrameBox {
                 person: *person,

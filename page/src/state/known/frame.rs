@@ -1,4 +1,5 @@
-//! One tick as the page keeps it: encoded once for all, with what single clients may ask for beside it.
+//! One tick as the page stores it: encoded once for all, with the data that single clients may
+//! request.
 
 use std::sync::Arc;
 
@@ -12,10 +13,9 @@ use super::context::Context;
 use super::evidence::{FrameBox, TickEvidence};
 use crate::protocol::camera_view::{CameraView, ViewedPerson, ViewedSighting};
 use crate::protocol::chosen_angles::ChosenAngles;
-use crate::protocol::json_tick::json_tick;
-use crate::protocol::tick::{TickMessage, TickPerson, as_history, sigma_code};
+use crate::protocol::tick::{TickMessage, TickPerson, as_history, json_tick, sigma_code};
 
-/// What a frame takes beside its lists, bytes, about.
+/// Approximate size of a frame without its lists, bytes.
 const FRAME_BYTES: usize = 256;
 
 /// One tick.
@@ -25,14 +25,14 @@ pub(crate) struct Frame {
     pub(crate) tick: Tick,
     /// The lower half of fusion's session.
     pub(crate) session: u32,
-    /// Kind 1, as it came just now.
+    /// Message kind 1, marked as live.
     pub(crate) encoded: Vec<u8>,
     persons: Vec<FramePerson>,
     boxes: Vec<FrameBox>,
     sightings: Vec<Sighting>,
 }
 
-/// What of a person is not in the encoded tick.
+/// Data of a person that the encoded tick lacks.
 #[derive(Debug)]
 struct FramePerson {
     id: PersonId,
@@ -46,14 +46,14 @@ struct FramePerson {
 /// Angles of one person at one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PersonAngles<'a> {
-    /// All of them.
+    /// All angles.
     pub(crate) values: &'a [f32],
-    /// Which a prior carried.
+    /// Bits of the angles that come from a prior.
     pub(crate) unobserved: u64,
 }
 
 impl Frame {
-    /// A tick from what fusion published and what led to it.
+    /// Builds a tick from fusion's poses and their inputs.
     pub(super) fn new(
         context: &Context,
         poses: PoseSet,
@@ -83,7 +83,7 @@ impl Frame {
             joints,
             persons: persons.collect(),
         };
-        let kept = poses.persons.into_iter().map(|pose| FramePerson {
+        let stored = poses.persons.into_iter().map(|pose| FramePerson {
             id: pose.person,
             state: pose.state,
             unobserved: pose.unobserved,
@@ -98,18 +98,18 @@ impl Frame {
             tick: message.tick,
             session,
             encoded: message.encode(),
-            persons: kept.collect(),
+            persons: stored.collect(),
             boxes: evidence.boxes,
             sightings: evidence.sightings,
         }
     }
 
-    /// The tick as a part of the past.
+    /// The tick encoded as part of the past.
     pub(crate) fn as_history(&self) -> Vec<u8> {
         as_history(&self.encoded)
     }
 
-    /// What it takes in memory, bytes, about.
+    /// Approximate memory use, bytes.
     pub(crate) fn size_bytes(&self) -> usize {
         let persons = self.persons.iter().map(|person| {
             size_of::<FramePerson>() + 4 * person.angles.len() + 6 * person.keypoints.len()
@@ -125,7 +125,7 @@ impl Frame {
             + sightings.sum::<usize>()
     }
 
-    /// How many people are in each phase: tentative, tracked, coasting.
+    /// Number of people by phase: tentative, tracked, coasting.
     pub(super) fn phases(&self) -> [usize; 3] {
         let count = |state| {
             self.persons
@@ -141,7 +141,7 @@ impl Frame {
         .map(count)
     }
 
-    /// Who was cropped from a camera.
+    /// The people cropped from a camera.
     pub(super) fn persons_of(&self, camera: CameraIndex) -> Vec<u32> {
         let chosen = self
             .boxes
@@ -150,7 +150,7 @@ impl Frame {
         chosen.map(|b| b.person.0).collect()
     }
 
-    /// The angles of a person, if it is there.
+    /// The angles of a person, if present.
     pub(crate) fn angles_of(&self, person: u32) -> Option<PersonAngles<'_>> {
         let found = self.persons.iter().find(|known| known.id.0 == person)?;
         Some(PersonAngles {
@@ -159,9 +159,9 @@ impl Frame {
         })
     }
 
-    /// Kind 3, encoded: of those of `persons` that are there.
+    /// Encodes message kind 3 for those of `persons` that are present.
     pub(crate) fn chosen_angles(&self, persons: &[u32], angles: &[u16]) -> Vec<u8> {
-        let of = |&person: &u32| {
+        let of_person = |&person: &u32| {
             let all = self.angles_of(person)?.values;
             let value = |&angle: &u16| all.get(usize::from(angle)).copied().unwrap_or_default();
             Some((PersonId(person), angles.iter().map(value).collect()))
@@ -170,12 +170,12 @@ impl Frame {
             session: self.session,
             tick: self.tick,
             angles: angles.len() as u8,
-            persons: persons.iter().filter_map(of).collect(),
+            persons: persons.iter().filter_map(of_person).collect(),
         }
         .encode()
     }
 
-    /// Kind 2, encoded; `None` for a camera that the venue does not have.
+    /// Encodes message kind 2; `None` if the venue lacks the camera.
     pub(crate) fn camera_view(&self, context: &Context, camera: CameraIndex) -> Option<Vec<u8>> {
         let model = &context.venue.camera(camera)?.model;
         let project = |&steps: &[i16; 3]| {
@@ -184,8 +184,8 @@ impl Frame {
             Some([pixel.x() as f32, pixel.y() as f32])
         };
         let persons = self.persons.iter().map(|person| {
-            let of = |b: &&FrameBox| b.camera == camera && b.person == person.id;
-            let found = self.boxes.iter().find(of);
+            let is_it = |b: &&FrameBox| b.camera == camera && b.person == person.id;
+            let found = self.boxes.iter().find(is_it);
             ViewedPerson {
                 id: person.id,
                 bounding_box: found.and_then(|found| found.bounding_box),
@@ -222,14 +222,14 @@ impl Frame {
         match TickMessage::decode(&self.encoded) {
             Ok(tick) => json_tick(&TickMessage { is_live, ..tick }, &angles),
             Err(error) => {
-                tracing::error!(%error, "a tick of our own cannot be read");
+                tracing::error!(%error, "cannot decode a tick that this page encoded");
                 "{}".to_owned()
             }
         }
     }
 }
 
-/// A frame that several have.
+/// A frame with several owners.
 pub(crate) type SharedFrame = Arc<Frame>;
 
 fn context_joints(context: &Context, pose: &PersonPose, joints: usize) -> Vec<[i16; 3]> {
@@ -240,7 +240,7 @@ fn context_joints(context: &Context, pose: &PersonPose, joints: usize) -> Vec<[i
     (0..joints).map(|i| context.grid.steps(joint(i))).collect()
 }
 
-/// Bit a: angle a is at a bound of its range.
+/// Bit a: angle a is at a limit of its range.
 fn clamped(context: &Context, pose: &PersonPose) -> u64 {
     let angles = context.skeleton.angles.iter().zip(&pose.angles).take(64);
     let at_bound = angles

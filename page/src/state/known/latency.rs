@@ -1,4 +1,4 @@
-//! How long it takes from a capture to its pose, stage by stage, over the last seconds.
+//! Latency from capture to pose, by stage, over the last seconds.
 
 use std::collections::VecDeque;
 
@@ -7,11 +7,11 @@ use farfield_proto::tick::{Micros, SECOND_US, Tick};
 
 use crate::protocol::status::{Latency, LatencyLine};
 
-/// Over how long, seconds.
+/// Length of the window, seconds.
 const WINDOW_S: u32 = 10;
-/// Most samples of a stage that are kept: eight viewpoints at 100 Hz for the whole window.
+/// Maximum number of samples per stage: eight viewpoints at 100 Hz for the whole window.
 const MAX_SAMPLES: usize = 8192;
-/// A longer time was not measured but made by a clock that is wrong, microseconds.
+/// Longer times come from wrong clocks, microseconds.
 const LONGEST_US: Micros = 60 * SECOND_US;
 
 /// A stage on the way from a capture to a pose.
@@ -21,9 +21,9 @@ pub(super) enum Stage {
     CaptureToSend,
     /// From edge to fusion.
     Link,
-    /// From the last maps of the tick to its poses.
+    /// From the last maps of a tick to its poses.
     Fusion,
-    /// All of it.
+    /// Everything.
     CaptureToPose,
 }
 
@@ -45,14 +45,15 @@ impl Stage {
     }
 }
 
-/// The samples of the last seconds: when, and how long, microseconds.
+/// Samples of the last seconds: time and duration, microseconds.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LatencyWindow {
     samples: [VecDeque<(Micros, u32)>; Stage::ALL.len()],
 }
 
 impl LatencyWindow {
-    /// Notes that a stage took `took_us` at `at_us`; clocks that are a little apart make a short time one below 0.
+    /// Records that a stage took `took_us` at `at_us`. Small clock differences can make it
+    /// negative.
     pub(super) fn note(&mut self, stage: Stage, at_us: Micros, took_us: Micros) {
         if took_us.unsigned_abs() > LONGEST_US.unsigned_abs() {
             return;
@@ -64,7 +65,7 @@ impl LatencyWindow {
         samples.push_back((at_us, took_us.max(0) as u32));
     }
 
-    /// The percentiles of the seconds before `now_us`.
+    /// Percentiles of the seconds before `now_us`.
     pub(super) fn lines(&mut self, now_us: Micros) -> Latency {
         let since_us = now_us.saturating_sub(Micros::from(WINDOW_S) * SECOND_US);
         let mut stages = Vec::new();
@@ -93,7 +94,7 @@ impl LatencyWindow {
     }
 }
 
-/// When a tick was, microseconds of Unix time, at the venue's rate from the time of tick 0.
+/// Time of a tick, microseconds of Unix time, from the time of tick 0 and the venue's rate.
 pub(super) fn tick_time_us(epoch_us: u64, tick: Tick, rate_hz: f64) -> Micros {
     // Times of this century are exact to a microsecond in double precision.
     let after_us = (tick.seconds(rate_hz) * SECOND_US as f64).round() as Micros;
@@ -107,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn percentiles_are_of_the_last_seconds() {
+    fn percentiles_cover_the_last_seconds() {
         let mut window = LatencyWindow::default();
         window.note(Stage::Link, 0, 5_000_000);
         for i in 1..=100 {
@@ -125,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_has_its_time() {
+    fn tick_times_follow_the_rate_without_overflow() {
         assert_eq!(
             tick_time_us(1_767_225_600_000_000, Tick(90), 60.0),
             1_767_225_601_500_000

@@ -1,11 +1,10 @@
-//! All that the messages so far say: one in, what changed out. Pure, and cheap to copy, so that a recording can be entered
-//! anywhere.
+//! State derived from all messages so far: takes one message, returns what changed. Pure and cheap
+//! to clone, so that a recording can be entered at any place.
 
 mod alarms;
 pub(crate) mod context;
 pub(super) mod evidence;
 pub(crate) mod frame;
-mod growth;
 mod latency;
 mod nodes;
 
@@ -23,18 +22,17 @@ use farfield_proto::wire::{self, WireError};
 
 use crate::protocol::status::{Alarm, PageCounts, People, RecordingState, StatusDocument};
 use crate::protocol::text::EventLine;
-use alarms::Circumstances;
+use alarms::{Circumstances, Growth};
 use context::{Context, Topic};
 use evidence::Evidence;
 use frame::{Frame, SharedFrame};
-use growth::Growth;
 use latency::{LatencyWindow, Stage, tick_time_us};
 use nodes::Nodes;
 
-/// Most poses of the last second whose times are kept.
+/// Maximum number of pose times kept for the last second.
 const MAX_POSE_TIMES: usize = 2048;
 
-/// What is known.
+/// The current state.
 #[derive(Debug, Clone)]
 pub(crate) struct Known {
     context: Arc<Context>,
@@ -44,10 +42,10 @@ pub(crate) struct Known {
     latency: LatencyWindow,
     epoch_us: Option<u64>,
     newest: Option<SharedFrame>,
-    /// When the poses of the last second came.
+    /// Arrival times of the poses of the last second.
     pose_times: VecDeque<Micros>,
     now_us: Micros,
-    /// Since when each alarm is on.
+    /// Start time of each active alarm.
     since: BTreeMap<String, Micros>,
     growth: Growth,
     unreadable: u64,
@@ -58,17 +56,17 @@ pub(crate) struct Known {
 pub(crate) enum News {
     /// The people of a tick.
     Frame(SharedFrame),
-    /// Who became who.
+    /// Identity events.
     Events(Vec<EventLine>),
-    /// How a node is.
+    /// The status of a node.
     Status,
-    /// Nothing that is told at once.
+    /// Nothing to report at once.
     Nothing,
 }
 
-/// What a status is told of by others than the messages.
+/// Status inputs that do not come from messages.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Beside {
+pub(crate) struct External {
     pub(crate) recording: Option<RecordingState>,
     pub(crate) counts: PageCounts,
 }
@@ -91,18 +89,19 @@ impl Known {
         }
     }
 
-    /// As of when, microseconds of Unix time.
+    /// Current time, microseconds of Unix time.
     pub(crate) fn now_us(&self) -> Micros {
         self.now_us
     }
 
-    /// What is known without what a second of messages says again: little, so that a recording keeps many of them.
-    pub(crate) fn essence(&self) -> Self {
+    /// The state without data that one second of messages restores. It is small, so a recording
+    /// stores many of them.
+    pub(crate) fn checkpoint(&self) -> Self {
         Self {
             context: Arc::clone(&self.context),
             session: self.session,
             nodes: self.nodes.clone(),
-            evidence: self.evidence.essence(),
+            evidence: self.evidence.checkpoint(),
             latency: LatencyWindow::default(),
             epoch_us: self.epoch_us,
             newest: None,
@@ -114,14 +113,14 @@ impl Known {
         }
     }
 
-    /// Time has gone on without a message.
+    /// Advances the clock without a message.
     pub(crate) fn wait(&mut self, us: Micros) {
         if self.now_us > 0 {
             self.now_us = self.now_us.saturating_add(us);
         }
     }
 
-    /// Takes a message as it was on the wire.
+    /// Processes a wire message.
     pub(crate) fn take(&mut self, topic: Topic, bytes: &[u8], at_us: Micros) -> News {
         self.now_us = self.now_us.max(at_us);
         self.read(topic, bytes, at_us).unwrap_or_else(|_| {
@@ -168,7 +167,7 @@ impl Known {
         self.session.is_none_or(|known| known == session)
     }
 
-    /// Ids of another session mean other people.
+    /// Ids of another session refer to other people.
     fn enter(&mut self, session: SessionId) {
         if !self.is_of_session(session) {
             self.evidence = Evidence::default();
@@ -183,7 +182,7 @@ impl Known {
         if !self.is_of_session(set.session) || set.viewpoint != viewpoint {
             return;
         }
-        // Of the messages of a tick the last tells how long all of them took.
+        // Only the last message of a tick contains the time that all of them took.
         let is_last = set.part.saturating_add(1) == set.parts;
         if let (Some(timing), Some(epoch_us), true) = (set.timing, self.epoch_us, is_last) {
             let tick_us = tick_time_us(epoch_us, set.tick, self.context.venue.rate_hz);
@@ -201,7 +200,7 @@ impl Known {
 
     fn poses(&mut self, set: PoseSet, at_us: Micros) -> News {
         self.enter(set.session);
-        let evidence = self.evidence.of_tick(set.tick);
+        let evidence = self.evidence.take_tick(set.tick);
         if let Some(patch_us) = evidence.newest_patch_us {
             self.latency
                 .note(Stage::Fusion, at_us, at_us.saturating_sub(patch_us));
@@ -221,11 +220,11 @@ impl Known {
         News::Frame(frame)
     }
 
-    /// Notes that poses came, where nobody wants to know which.
+    /// Records that poses arrived, without their content.
     pub(crate) fn note_poses(&mut self, session: SessionId, at_us: Micros) {
         self.enter(session);
         self.now_us = self.now_us.max(at_us);
-        // A recording is entered a second before a part.
+        // A recording is entered one second before a part.
         while self
             .pose_times
             .back()
@@ -270,15 +269,15 @@ impl Known {
         News::Events(lines.collect())
     }
 
-    fn counts(&self, beside: &Beside) -> PageCounts {
+    fn counts(&self, external: &External) -> PageCounts {
         PageCounts {
             unreadable: self.unreadable,
-            ..beside.counts
+            ..external.counts
         }
     }
 
-    /// What is wrong; remembers since when each alarm is on.
-    pub(crate) fn note_alarms(&mut self, beside: &Beside) -> Vec<Alarm> {
+    /// Finds all alarms, and remembers when each started.
+    pub(crate) fn note_alarms(&mut self, external: &External) -> Vec<Alarm> {
         let now_us = self.now_us;
         let mut alarms = alarms::find(
             &Circumstances {
@@ -286,8 +285,8 @@ impl Known {
                 nodes: &self.nodes,
                 now_us,
                 last_poses_us: self.pose_times.back().copied(),
-                recording: beside.recording.as_ref(),
-                counts: self.counts(beside),
+                recording: external.recording.as_ref(),
+                counts: self.counts(external),
             },
             &mut self.growth,
         );
@@ -302,12 +301,12 @@ impl Known {
         alarms
     }
 
-    /// How everything is; remembers since when each alarm is on.
-    pub(crate) fn status(&mut self, beside: &Beside) -> StatusDocument {
-        let alarms = self.note_alarms(beside);
-        let (now_us, counts) = (self.now_us, self.counts(beside));
+    /// Builds the status, and remembers when each alarm started.
+    pub(crate) fn status(&mut self, external: &External) -> StatusDocument {
+        let alarms = self.note_alarms(external);
+        let (now_us, counts) = (self.now_us, self.counts(external));
         let since_us = now_us.saturating_sub(SECOND_US);
-        // The last one stays: how long ago it came is asked for.
+        // The last time stays, to show how long ago it was.
         while self.pose_times.len() > 1
             && self
                 .pose_times
@@ -321,12 +320,12 @@ impl Known {
             .iter()
             .filter(|at_us| **at_us > since_us)
             .count();
-        self.document(beside, counts, alarms, poses)
+        self.document(external, counts, alarms, poses)
     }
 
     fn document(
         &mut self,
-        beside: &Beside,
+        external: &External,
         counts: PageCounts,
         alarms: Vec<Alarm>,
         poses: usize,
@@ -334,9 +333,9 @@ impl Known {
         let context = &self.context;
         let name = |node| context.node_name(node).to_owned();
         let worst = |node| {
-            let of =
+            let keys =
                 ["node", "clock", "key", "recording"].map(|kind| format!("{kind}/{}", name(node)));
-            of.iter()
+            keys.iter()
                 .filter_map(|prefix| alarms::worst(&alarms, prefix))
                 .min()
         };
@@ -361,7 +360,7 @@ impl Known {
                 coasting,
             },
             poses_per_s: poses as f64,
-            recording: beside.recording.clone(),
+            recording: external.recording.clone(),
             page: counts,
             alarms,
         }

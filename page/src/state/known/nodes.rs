@@ -1,4 +1,4 @@
-//! What the nodes of the venue have said of themselves, as lines of a status.
+//! Statuses reported by the venue's nodes, as lines of the page's status.
 
 use std::collections::BTreeMap;
 
@@ -14,44 +14,44 @@ use super::context::Context;
 use super::frame::Frame;
 use crate::protocol::status::{CameraLine, ClockLine, Condition, LinkLine, NodeLine, StageLine};
 
-/// A node says once a second how it is; one that is silent for so long is not well.
+/// Nodes send a status once a second; a node that is silent this long is unhealthy.
 pub(super) const SILENT_US: Micros = 3 * SECOND_US;
-/// Between two statuses that say a rate.
+/// Minimum time between two statuses to derive a rate.
 const SHORTEST_US: Micros = SECOND_US / 10;
 
-/// Statuses, by node: `None` is fusion.
+/// Latest report by node; the key `None` is fusion.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Nodes {
-    heard: BTreeMap<Option<ViewpointIndex>, HeardNode>,
+    reports: BTreeMap<Option<ViewpointIndex>, NodeReport>,
 }
 
-/// A node that has said how it is.
+/// The latest status of a node.
 #[derive(Debug, Clone)]
-pub(super) struct HeardNode {
+pub(super) struct NodeReport {
     pub(super) status: Status,
     pub(super) at_us: Micros,
-    /// When it was heard for the first time.
+    /// Time of the first status.
     pub(super) first_us: Micros,
-    /// Since when the process says that it is live, and when tick 0 was.
+    /// When the process first reported the time of tick 0.
     pub(super) ticks_since_us: Option<Micros>,
-    /// What a status before said, of the same process and some time ago, and when it came.
+    /// Counters of an earlier status of the same process, and its time.
     before: Option<(Counts, Micros)>,
 }
 
-/// What of a status rates are made of.
+/// Counters of a status from which rates are derived.
 #[derive(Debug, Clone)]
 struct Counts {
     tick: Option<i64>,
-    /// Ticks that the node did not work on.
+    /// Ticks that the node skipped.
     missed: Option<u64>,
     /// Late and missing sets, by link.
     links: Vec<[u64; 2]>,
-    /// Messages that found no place at fusion, by link.
+    /// Messages dropped by fusion for lack of room, by link.
     dropped: Vec<u64>,
 }
 
 impl Counts {
-    fn of(status: &Status) -> Self {
+    fn from_status(status: &Status) -> Self {
         let edges = status.live.iter().flat_map(|live| &live.edges);
         Self {
             tick: status.tick.map(|tick| tick.0),
@@ -62,12 +62,12 @@ impl Counts {
     }
 }
 
-impl HeardNode {
+impl NodeReport {
     fn live(&self) -> Option<&LiveStatus> {
         self.status.live.as_ref()
     }
 
-    /// By how much a number has grown a second since the status before; `None`: not known, or it began anew.
+    /// Growth of a number per second since the earlier status; `None` if unknown or restarted.
     fn rate(&self, now: i64, before: i64, before_us: Micros) -> Option<f64> {
         let (grown, us) = (
             now.checked_sub(before)?,
@@ -76,7 +76,7 @@ impl HeardNode {
         (grown >= 0 && us >= SHORTEST_US).then(|| grown as f64 * 1e6 / us as f64)
     }
 
-    /// Ticks a second that the node worked on.
+    /// Ticks per second that the node processed.
     fn ticks_per_s(&self) -> Option<f64> {
         let (before, before_us) = self.before.as_ref()?;
         let (tick, missed) = (Tick(before.tick?), before.missed.unwrap_or(0));
@@ -84,10 +84,10 @@ impl HeardNode {
         self.rate(done, 0, *before_us)
     }
 
-    /// By how much a counter grows a second.
+    /// Growth of a counter per second.
     fn grown_per_s(&self, count: impl Fn(&Counts) -> Option<u64>) -> Option<f64> {
         let (before, before_us) = self.before.as_ref()?;
-        let now = count(&Counts::of(&self.status))?;
+        let now = count(&Counts::from_status(&self.status))?;
         self.rate(
             i64::try_from(now).ok()?,
             i64::try_from(count(before)?).ok()?,
@@ -95,7 +95,7 @@ impl HeardNode {
         )
     }
 
-    /// Late and missing sets a second of a link.
+    /// Late and missing sets per second of a link.
     pub(super) fn losses_per_s(&self, link: usize) -> [Option<f64>; 2] {
         let of_link = |which: usize| {
             self.grown_per_s(|counts| counts.links.get(link).map(|losses| losses[which]))
@@ -103,12 +103,12 @@ impl HeardNode {
         [of_link(0), of_link(1)]
     }
 
-    /// Messages of a link a second that found no place at fusion.
+    /// Messages per second of a link that fusion dropped for lack of room.
     pub(super) fn dropped_per_s(&self, link: usize) -> Option<f64> {
         self.grown_per_s(|counts| counts.dropped.get(link).copied())
     }
 
-    /// Ticks a second that the node did not work on, though they were due.
+    /// Ticks per second that were due and that the node skipped.
     pub(super) fn missed_per_s(&self) -> Option<f64> {
         self.grown_per_s(|counts| counts.missed)
     }
@@ -116,7 +116,7 @@ impl HeardNode {
 
 impl Nodes {
     pub(super) fn take(&mut self, node: Option<ViewpointIndex>, status: Status, at_us: Micros) {
-        let before = self.heard.get(&node);
+        let before = self.reports.get(&node);
         let first_us = before.map_or(at_us, |before| before.first_us);
         let before = before.filter(|before| before.status.process == status.process);
         let has_ticks = status
@@ -127,30 +127,31 @@ impl Nodes {
             let since_us = before.and_then(|before| before.ticks_since_us);
             since_us.unwrap_or(at_us)
         });
-        // One that comes at once after another says no rate: what was before that one still does.
+        // A status shortly after another gives no rate; the counters before that one are still
+        // used.
         let before = before.and_then(|before| {
             let is_apart = at_us.saturating_sub(before.at_us) >= SHORTEST_US;
             if is_apart {
-                Some((Counts::of(&before.status), before.at_us))
+                Some((Counts::from_status(&before.status), before.at_us))
             } else {
                 before.before.clone()
             }
         });
-        let heard = HeardNode {
+        let report = NodeReport {
             status,
             at_us,
             first_us,
             ticks_since_us,
             before,
         };
-        self.heard.insert(node, heard);
+        self.reports.insert(node, report);
     }
 
-    pub(super) fn get(&self, node: Option<ViewpointIndex>) -> Option<&HeardNode> {
-        self.heard.get(&node)
+    pub(super) fn get(&self, node: Option<ViewpointIndex>) -> Option<&NodeReport> {
+        self.reports.get(&node)
     }
 
-    /// Fusion and the edges that the venue has.
+    /// Fusion and the edges of the venue.
     pub(super) fn expected(
         context: &Context,
     ) -> impl Iterator<Item = Option<ViewpointIndex>> + use<> {
@@ -165,15 +166,15 @@ impl Nodes {
         self.get(None)?.live()
     }
 
-    /// Whether fusion waits for nodes before recordings are played: nobody knows yet when the ticks are.
+    /// Whether fusion waits for nodes before recordings are played, so that tick times are unknown.
     pub(super) fn fusion_waits(&self) -> bool {
         let fusion = self.get(None);
         let fusion = fusion.filter(|fusion| fusion.status.failure.is_none());
-        let live = fusion.and_then(HeardNode::live);
+        let live = fusion.and_then(NodeReport::live);
         live.is_some_and(|live| live.epoch_us.is_none())
     }
 
-    /// The names of the viewpoints that are not ready, as far as they have said.
+    /// Names of the viewpoints that have not reported that they are ready.
     pub(super) fn not_ready<'a>(&self, context: &'a Context) -> Vec<&'a str> {
         let edges = Self::expected(context).flatten();
         let is_ready =
@@ -182,7 +183,7 @@ impl Nodes {
         missing.map(|edge| context.node_name(Some(edge))).collect()
     }
 
-    /// Whether fusion has said its last word: who is silent from then on has not failed.
+    /// Whether fusion reported its end; nodes that are silent afterwards have not failed.
     pub(super) fn has_ended(&self) -> bool {
         self.get(None).is_some_and(|fusion| {
             let status = &fusion.status;
@@ -191,27 +192,27 @@ impl Nodes {
         })
     }
 
-    /// Whether a camera that gives no pictures has failed. What is recorded or simulated is played from fusion's first tick
-    /// on, and takes its time to begin.
+    /// Whether a camera without images has failed. Recorded and simulated sources start with
+    /// fusion's first tick and need time to begin.
     pub(super) fn expects_pictures(&self, source: &Source, now_us: Micros) -> bool {
         !self.has_ended() && (source.is_live() || self.have_ticks_begun(now_us))
     }
 
-    /// Whether ticks have been under way for long enough that everybody has begun.
+    /// Whether ticks have run long enough for all nodes to have started.
     fn have_ticks_begun(&self, now_us: Micros) -> bool {
         let since_us = self.get(None).and_then(|fusion| fusion.ticks_since_us);
         since_us.is_some_and(|us| now_us.saturating_sub(us) >= SILENT_US)
     }
 
-    /// Whether something must come from a viewpoint: its edge was heard, and both it and the ticks have had their time to
-    /// begin.
+    /// Whether a viewpoint must be sending: its edge has reported, and both the edge and the ticks
+    /// had time to start.
     pub(super) fn expects_link(&self, viewpoint: ViewpointIndex, now_us: Micros) -> bool {
         let edge = self.get(Some(viewpoint));
         let is_up = edge.is_some_and(|edge| now_us.saturating_sub(edge.first_us) >= SILENT_US);
         is_up && self.have_ticks_begun(now_us)
     }
 
-    /// How a camera agrees with the others, as fusion finds it; `None` where nothing is known.
+    /// Agreement of a camera with the others as fusion measures it; `None` if unknown.
     fn agreement(&self, camera: u16) -> Option<CameraAgreement> {
         let known = &self.get(None)?.status.agreement;
         let own = known.iter().find(|known| known.camera.0 == camera)?;
@@ -223,7 +224,7 @@ impl Nodes {
         self.get(Some(viewpoint))?.live()
     }
 
-    /// Fusion's links: to which viewpoint, what is said of it, and how healthy it is.
+    /// Fusion's links: index, viewpoint, status, and health.
     pub(super) fn links<'a>(
         &'a self,
         context: &'a Context,
@@ -237,7 +238,7 @@ impl Nodes {
         })
     }
 
-    /// What is said of a camera by its edge.
+    /// The status of a camera from its edge.
     pub(super) fn camera(&self, context: &Context, index: u16) -> Option<&CameraStatus> {
         let viewpoint = context.venue.cameras.get(usize::from(index))?.viewpoint;
         let mut cameras = self.edge_live(viewpoint)?.cameras.iter();
@@ -251,34 +252,37 @@ impl Nodes {
         state: Condition,
         now_us: Micros,
     ) -> NodeLine {
-        let heard = self.get(node);
-        let status = heard.map(|heard| &heard.status);
-        let text = |of: fn(&Status) -> &String| {
-            status.map(|status| of(status).clone()).unwrap_or_default()
+        let report = self.get(node);
+        let status = report.map(|report| &report.status);
+        let text = |field: fn(&Status) -> &String| {
+            status
+                .map(|status| field(status).clone())
+                .unwrap_or_default()
         };
         let system = status.and_then(|status| status.health.system_clock);
         NodeLine {
             name: context.node_name(node).to_owned(),
             kind: if node.is_none() { "fusion" } else { "edge" },
             viewpoint: node.map(|viewpoint| viewpoint.0),
-            state: if heard.is_some() {
+            state: if report.is_some() {
                 state
             } else {
                 Condition::Unknown
             },
-            heard_ago_s: heard.map(|heard| now_us.saturating_sub(heard.at_us).max(0) as f64 / 1e6),
+            heard_ago_s: report
+                .map(|report| now_us.saturating_sub(report.at_us).max(0) as f64 / 1e6),
             release: text(|status| &status.release),
             ready: status.is_some_and(|status| status.ready),
             tick: status.and_then(|status| status.tick),
-            ticks_per_s: heard.and_then(HeardNode::ticks_per_s),
+            ticks_per_s: report.and_then(NodeReport::ticks_per_s),
             backend: text(|status| &status.backend),
             failure: status.and_then(|status| status.failure.clone()),
             notices: status
                 .map(|status| status.health.notices.clone())
                 .unwrap_or_default(),
             unreadable: status.map_or(0, |status| status.unreadable),
-            missed_ticks: heard
-                .and_then(|heard| heard.live())
+            missed_ticks: report
+                .and_then(|report| report.live())
                 .map(|live| live.missed_ticks),
             clock: system.map(|system| ClockLine {
                 synchronised: system.synchronised,
@@ -308,7 +312,7 @@ impl Nodes {
                 state: match state(viewpoint) {
                     Condition::Failed => Condition::Failed,
                     _ if !link.live && !self.expects_link(viewpoint, now_us) => Condition::Unknown,
-                    // The alarm may be the edge's.
+                    // The alarm may belong to the edge.
                     _ if !link.live => Condition::Failed,
                     state => state,
                 },
@@ -346,18 +350,20 @@ impl Nodes {
         let lines = context.venue.cameras.iter().enumerate();
         let line = |(index, camera): (usize, &VenueCamera)| {
             let index = index as u16;
-            let said = self.camera(context, index);
+            let status = self.camera(context, index);
             let is_known = |health: CameraHealth| {
                 health != CameraHealth::Silent || self.expects_pictures(&camera.source, now_us)
             };
-            let health = said.map(|said| said.health).filter(|it| is_known(*it));
+            let health = status
+                .map(|status| status.health)
+                .filter(|it| is_known(*it));
             CameraLine {
                 camera: index,
                 name: camera.model.name().to_owned(),
                 state: health.map_or("unknown", health_name),
-                frames_per_s: said.map(|said| said.frames_per_s),
-                capture_offset_us: said.map(|said| said.capture_offset_us),
-                reason: said.and_then(|said| said.reason.clone()),
+                frames_per_s: status.map(|status| status.frames_per_s),
+                capture_offset_us: status.map(|status| status.capture_offset_us),
+                reason: status.and_then(|status| status.reason.clone()),
                 agreement: self.agreement(index),
                 persons: newest
                     .map(|frame| frame.persons_of(farfield_proto::id::CameraIndex(index)))
@@ -386,15 +392,15 @@ mod tests {
     use super::*;
     use crate::state::fixture::synthetic;
 
-    /// Symptom: the page knew no rate of fusion nearly all the time. What fusion says of itself came twice, and between the
-    /// two nothing can grow.
+    /// Regression: fusion's rates were almost always unknown, because its status was received twice
+    /// and nothing grew between the two.
     #[test]
-    fn a_status_that_comes_twice_says_rates_all_the_same() {
+    fn a_duplicate_status_still_gives_rates() {
         let (mut nodes, synthetic) = (Nodes::default(), synthetic(1));
         for tick in [60, 120].map(Tick) {
             let mut passed = synthetic.messages(tick).into_iter();
-            let said = passed.find(|(key, ..)| key.ends_with("/status/fusion"));
-            let (_, bytes, at_us) = said.unwrap();
+            let found = passed.find(|(key, ..)| key.ends_with("/status/fusion"));
+            let (_, bytes, at_us) = found.unwrap();
             let status: Status = wire::decode(&bytes).unwrap();
             for late_us in [0, 2_000] {
                 nodes.take(None, status.clone(), at_us + late_us);

@@ -1,4 +1,4 @@
-//! Reads a recording: once through for the index, and again where clients are.
+//! Reads a recording: once completely for the index, then again where clients are.
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, TryRecvError};
@@ -9,19 +9,20 @@ use farfield_proto::tick::{Micros, SECOND_US, Tick};
 use farfield_proto::wire;
 use tracing::warn;
 
-use super::{FoundTicks, MAX_SESSIONS, PARTS_AT_ONCE, RecordedMessages, Recording};
+use super::{MAX_SESSIONS, PARTS_AT_ONCE, RecordedMessages, Recording, TickRange};
 use crate::state::Shared;
 use crate::state::history::{History, HistoryBounds};
 use crate::state::known::context::{Context, Topic};
-use crate::state::known::{Beside, Known, News};
+use crate::state::known::{External, Known, News};
 
-/// Length of a part, microseconds, unless the recording is very long.
+/// Length of a part, microseconds; longer in very long recordings.
 const PART_US: Micros = 4 * SECOND_US;
-/// Most parts: what is known at the beginning of each is kept.
+/// Maximum number of parts; the state at the start of each is stored.
 const MAX_PARTS: Micros = 2048;
-/// Wishes that wait at most: of four clients the part that each is at, and those beside it.
-const MAX_WISHES: usize = 4 * PARTS_AT_ONCE;
-/// How long before a part it is read from, microseconds: boxes and maps come before their poses.
+/// Maximum number of waiting requests: for four clients, the current part and its neighbours.
+const MAX_REQUESTS: usize = 4 * PARTS_AT_ONCE;
+/// A part is read from this long before its start, microseconds, since boxes and maps precede their
+/// poses.
 const BEFORE_US: Micros = SECOND_US;
 
 /// Reads a recording for its clients.
@@ -30,15 +31,15 @@ pub(super) struct Loader {
     recording: Weak<Recording>,
     shared: Weak<Shared>,
     context: Arc<Context>,
-    /// What is known at the end of what was read for the index.
+    /// State at the end of what was indexed.
     known: Known,
-    /// Parts read for the index so far: what was known at the beginning of each.
+    /// State at the start of each indexed part.
     beginnings: Vec<Known>,
     from_us: Micros,
     part_us: Micros,
     parts: usize,
-    /// When alarms were looked for last, for the index.
-    told_us: Micros,
+    /// Time of the last alarm check for the index.
+    reported_us: Micros,
 }
 
 impl Loader {
@@ -60,30 +61,30 @@ impl Loader {
             from_us,
             part_us,
             parts: (span_us / part_us + 1) as usize,
-            told_us: Micros::MIN,
+            reported_us: Micros::MIN,
         }
     }
 
-    /// Until nobody is left who could ask.
+    /// Runs until all clients and the recording are gone.
     pub(super) fn run(mut self, wanted: &Receiver<usize>) {
-        // The newest last; of a crowd those that are not asked for again are dropped.
-        let mut wishes = Vec::new();
+        // Newest last; surplus requests of many clients are dropped unless repeated.
+        let mut requests = Vec::new();
         loop {
             let is_indexed = self.beginnings.len() >= self.parts;
-            if is_indexed && wishes.is_empty() {
+            if is_indexed && requests.is_empty() {
                 match wanted.recv() {
-                    Ok(part) => wishes.push(part),
+                    Ok(part) => requests.push(part),
                     Err(_) => return,
                 }
             }
-            if !hear(wanted, &mut wishes) {
+            if !receive(wanted, &mut requests) {
                 return;
             }
             let Some(recording) = self.recording.upgrade() else {
                 return;
             };
-            wishes.retain(|part| !recording.has(*part));
-            if let Some(part) = wishes.pop() {
+            requests.retain(|part| !recording.has(*part));
+            if let Some(part) = requests.pop() {
                 self.load(part, &recording);
             }
             if !is_indexed {
@@ -99,15 +100,15 @@ impl Loader {
         [from_us, from_us.saturating_add(self.part_us)]
     }
 
-    /// Notes where the ticks of the next part are, and what is known at its beginning.
+    /// Indexes the ticks of the next part, and stores the state at its start.
     fn index_next(&mut self, recording: &Recording) {
         let part = self.beginnings.len();
-        self.beginnings.push(self.known.essence());
+        self.beginnings.push(self.known.checkpoint());
         let [from_us, to_us] = self.times_us(part);
-        let mut ticks: BTreeMap<u32, FoundTicks> = BTreeMap::new();
+        let mut ticks: BTreeMap<u32, TickRange> = BTreeMap::new();
         let mut events = Vec::new();
-        let beside = self.beside();
-        let (known, context, told_us) = (&mut self.known, &self.context, &mut self.told_us);
+        let external = self.external();
+        let (known, context, reported_us) = (&mut self.known, &self.context, &mut self.reported_us);
         let read = self
             .messages
             .read(from_us, to_us, &mut |key, bytes, at_us| {
@@ -118,7 +119,7 @@ impl Loader {
                             note_tick(&mut ticks, session.0 as u32, tick);
                         }
                     }
-                    // Of these nothing is known at the beginning of the next part.
+                    // These do not affect the state at the start of the next part.
                     None | Some(Topic::Patches(_) | Topic::Sightings(_)) => {}
                     Some(topic) => {
                         if let News::Events(more) = known.take(topic, bytes, at_us) {
@@ -126,10 +127,11 @@ impl Loader {
                         }
                     }
                 }
-                // Since when something is wrong, and which counters grow, is known at the beginning of the next part.
-                if at_us.saturating_sub(*told_us) >= SECOND_US {
-                    *told_us = at_us;
-                    known.note_alarms(&beside);
+                // Alarm start times and growing counters belong to the state at the start of the
+                // next part.
+                if at_us.saturating_sub(*reported_us) >= SECOND_US {
+                    *reported_us = at_us;
+                    known.note_alarms(&external);
                 }
             });
         if let Some(shared) = self.shared.upgrade() {
@@ -137,17 +139,17 @@ impl Loader {
         }
         recording.indexed(part, &ticks);
         if let Err(error) = read {
-            warn!(%error, "the recording cannot be read further");
+            warn!(%error, "cannot read the rest of the recording");
             self.parts = self.beginnings.len();
         }
         if self.beginnings.len() >= self.parts {
-            recording.index_is_whole();
+            recording.finish_index();
         }
     }
 
-    fn beside(&self) -> Beside {
+    fn external(&self) -> External {
         let shared = self.shared.upgrade();
-        shared.map(|shared| shared.beside()).unwrap_or_default()
+        shared.map(|shared| shared.external()).unwrap_or_default()
     }
 
     /// Reads a part into memory.
@@ -162,8 +164,8 @@ impl Loader {
             seconds: f64::INFINITY,
         };
         let mut history = History::new(bounds, self.context.venue.rate_hz);
-        let (beside, shown) = (self.beside(), recording.shown());
-        let mut told_us = Micros::MIN;
+        let (external, shown) = (self.external(), recording.shown());
+        let mut reported_us = Micros::MIN;
         let context = &self.context;
         let start_us = from_us.saturating_sub(BEFORE_US);
         let read = self
@@ -171,7 +173,7 @@ impl Loader {
             .read(start_us, to_us, &mut |key, bytes, at_us| {
                 let is_before = at_us < from_us;
                 let topic = context.topic(key).filter(|topic| {
-                    // What these said before the part is known.
+                    // Statuses and events before the part are already in its initial state.
                     !(is_before && matches!(topic, Topic::Status(_) | Topic::Events))
                 });
                 let Some(topic) = topic else {
@@ -187,43 +189,44 @@ impl Loader {
                         history.push(frame);
                     }
                 }
-                // Also while no poses come: as with a running venue this is how it was at the last of them.
-                if at_us.saturating_sub(told_us) >= SECOND_US
+                // Also without new poses: as in a running venue, this is the status at the last
+                // poses.
+                if at_us.saturating_sub(reported_us) >= SECOND_US
                     && let Some([_, tick]) = history.span()
                 {
-                    told_us = at_us;
-                    history.push_status(tick, known.status(&beside).to_json().into());
+                    reported_us = at_us;
+                    history.push_status(tick, known.status(&external).to_json().into());
                 }
             });
         if let Err(error) = read {
-            warn!(%error, "a part of the recording cannot be read");
+            warn!(%error, "cannot read a part of the recording");
         }
         recording.loaded(part, history);
     }
 }
 
-/// Takes all wishes that were said; `false`: nobody is left who could wish.
-fn hear(wanted: &Receiver<usize>, wishes: &mut Vec<usize>) -> bool {
+/// Receives all pending requests; returns `false` if all senders are gone.
+fn receive(wanted: &Receiver<usize>, requests: &mut Vec<usize>) -> bool {
     loop {
         match wanted.try_recv() {
             Ok(part) => {
-                wishes.retain(|known| *known != part);
-                wishes.push(part);
+                requests.retain(|known| *known != part);
+                requests.push(part);
             }
             Err(TryRecvError::Empty) => break,
             Err(TryRecvError::Disconnected) => return false,
         }
     }
-    let too_many = wishes.len().saturating_sub(MAX_WISHES);
-    wishes.drain(..too_many);
+    let too_many = requests.len().saturating_sub(MAX_REQUESTS);
+    requests.drain(..too_many);
     true
 }
 
-fn note_tick(found: &mut BTreeMap<u32, FoundTicks>, session: u32, tick: Tick) {
+fn note_tick(found: &mut BTreeMap<u32, TickRange>, session: u32, tick: Tick) {
     if found.len() >= MAX_SESSIONS && !found.contains_key(&session) {
         return;
     }
-    let known = found.entry(session).or_insert(FoundTicks {
+    let known = found.entry(session).or_insert(TickRange {
         first: tick,
         last: tick,
         ticks: 0,

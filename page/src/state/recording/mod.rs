@@ -1,7 +1,7 @@
-//! A recording as a past that can be gone to: an index by tick, and the parts in use in memory.
+//! A recording that clients can seek in: an index by tick, and the parts in use in memory.
 //!
-//! The file is read once from its beginning, in parts, for the index and for what was known at the beginning of each; then
-//! the parts that clients are at. What is kept of parts that nobody is at is dropped, the longest unused first.
+//! The file is read once in parts, for the index and for the state at the start of each part; then
+//! again where clients are. Unused parts are removed from memory, the least recently used first.
 
 mod loader;
 #[cfg(test)]
@@ -19,22 +19,24 @@ use super::known::frame::SharedFrame;
 use super::{Shared, lock};
 use loader::Loader;
 
-/// Parts that may be asked for before the first is read.
+/// Maximum number of requested parts before the first is read.
 const MAX_WANTED: usize = 64;
-/// Most sessions of fusion in a recording.
+/// Maximum number of fusion sessions in a recording.
 const MAX_SESSIONS: usize = 64;
-/// So many parts find room in memory in any case: the one that is shown, and those beside it.
+/// Number of parts that always fit in memory: the current one and its neighbours.
 const PARTS_AT_ONCE: usize = 3;
 
-/// Where the messages of a recording come from: what `PageState::message` would have been given, by time.
+/// Source of a recording's messages, with the arguments of `PageState::message`, in order of time.
 pub trait RecordedMessages: Send {
-    /// When the first and the last message came, microseconds of Unix time.
+    /// Times of the first and last message, microseconds of Unix time.
     fn span_us(&self) -> [Micros; 2];
 
-    /// Gives every message of `from_us` to `to_us` (not included) to `visit`, in order: key, payload, when.
+    /// Passes every message from `from_us` up to `to_us` (exclusive) to `visit`, in order: key,
+    /// payload, time.
     ///
     /// # Errors
-    /// Why the file cannot be read there, in a sentence for the operator. What was given before counts.
+    /// A sentence for the operator if the file cannot be read there. Messages already passed remain
+    /// valid.
     fn read(
         &mut self,
         from_us: Micros,
@@ -43,18 +45,18 @@ pub trait RecordedMessages: Send {
     ) -> Result<(), String>;
 }
 
-/// What was found of a tick.
+/// Result of looking up a tick.
 #[derive(Debug)]
-pub(crate) enum Found {
-    /// It, or the nearest to it.
+pub(crate) enum Lookup {
+    /// The tick, or the nearest one.
     Frame(SharedFrame),
-    /// It is on its way.
+    /// Being loaded.
     Loading,
-    /// There is nothing.
+    /// There is none.
     Nothing,
 }
 
-/// A recording, as clients ask for it.
+/// A recording as clients use it.
 pub(crate) struct Recording {
     inner: Mutex<Inner>,
     wanted: OnceLock<SyncSender<usize>>,
@@ -63,24 +65,25 @@ pub(crate) struct Recording {
 
 #[derive(Default)]
 struct Inner {
-    /// Where the ticks are, by the lower half of fusion's session: ticks of two sessions have nothing to do with each other.
+    /// Positions of ticks by the lower half of fusion's session; ticks of different sessions are
+    /// unrelated.
     sessions: BTreeMap<u32, IndexedSession>,
-    /// The session that is shown: the one with the most ticks so far.
+    /// The displayed session: the one with the most ticks so far.
     shown: Option<u32>,
     is_indexed: bool,
     loaded: BTreeMap<usize, LoadedPart>,
     uses: u64,
 }
 
-/// Where the ticks of a session are.
+/// Positions of the ticks of a session.
 #[derive(Debug, Default)]
 struct IndexedSession {
     ticks: u64,
-    /// First and last tick of every part that has any, ascending.
+    /// First and last tick of every non-empty part, ascending.
     parts: Vec<IndexedPart>,
 }
 
-/// Where the ticks of a part are.
+/// Position of the ticks of a part.
 #[derive(Debug, Clone, Copy)]
 struct IndexedPart {
     first: Tick,
@@ -90,7 +93,7 @@ struct IndexedPart {
 
 /// The ticks of a session in a part.
 #[derive(Debug, Clone, Copy)]
-struct FoundTicks {
+struct TickRange {
     first: Tick,
     last: Tick,
     ticks: u64,
@@ -100,18 +103,19 @@ struct FoundTicks {
 struct LoadedPart {
     history: History,
     bytes: usize,
-    /// The number of its last use.
+    /// Sequence number of its last use.
     used: u64,
 }
 
 impl Inner {
-    /// The parts of the session that is shown, ascending.
+    /// The parts of the displayed session, ascending.
     fn index(&self) -> &[IndexedPart] {
         let shown = self.shown.and_then(|shown| self.sessions.get(&shown));
         shown.map_or(&[], |session| &session.parts)
     }
 
-    /// Where in the index the part is that holds a tick, or the last before it, or the first.
+    /// Index position of the part with the tick, otherwise of the last one before it, otherwise of
+    /// the first.
     fn place(&self, tick: Tick) -> Option<usize> {
         let index = self.index();
         let after = index.partition_point(|indexed| indexed.first <= tick);
@@ -122,14 +126,14 @@ impl Inner {
         Some(self.index().get(self.place(tick)?)?.part)
     }
 
-    /// Notes the ticks of a session in the next part.
-    fn note(&mut self, part: usize, session: u32, found: FoundTicks) {
+    /// Records the ticks of a session in the next part.
+    fn note(&mut self, part: usize, session: u32, found: TickRange) {
         if self.sessions.len() >= MAX_SESSIONS && !self.sessions.contains_key(&session) {
             return;
         }
         let indexed = self.sessions.entry(session).or_default();
         indexed.ticks += found.ticks;
-        // Ticks that a file has twice are where they were first.
+        // Duplicate ticks belong to their first occurrence.
         let first = indexed
             .parts
             .last()
@@ -140,7 +144,7 @@ impl Inner {
         }
     }
 
-    /// Shows the session with the most ticks.
+    /// Selects the session with the most ticks.
     fn choose(&mut self) {
         let most = self
             .sessions
@@ -155,7 +159,7 @@ impl Inner {
 }
 
 impl Recording {
-    /// Holds at most about so many bytes of it in memory.
+    /// Limits the data in memory to about this many bytes.
     pub(crate) fn new(most_bytes: usize) -> Self {
         Self {
             inner: Mutex::default(),
@@ -164,7 +168,7 @@ impl Recording {
         }
     }
 
-    /// Starts to read; the thread ends when the recording is dropped.
+    /// Starts reading; the thread ends when the recording is dropped.
     pub(crate) fn start(
         self: &Arc<Self>,
         messages: Box<dyn RecordedMessages>,
@@ -175,7 +179,7 @@ impl Recording {
         thread::Builder::new()
             .name("page-recording".to_owned())
             .spawn(move || loader.run(&receiver))?;
-        // It is started once.
+        // Called only once.
         self.wanted.get_or_init(|| sender);
         Ok(())
     }
@@ -190,25 +194,25 @@ impl Recording {
         !lock(&self.inner).is_indexed
     }
 
-    /// A tick; its part and those beside it are asked for where they are not in memory.
-    pub(crate) fn at(&self, tick: Tick) -> Found {
+    /// Looks up a tick; requests its part and the neighbours if they are not in memory.
+    pub(crate) fn at(&self, tick: Tick) -> Lookup {
         let mut inner = lock(&self.inner);
-        // The part that is shown is used last.
+        // The current part counts as used last.
         inner.uses += 2;
         let uses = inner.uses;
         let Some(place) = inner.place(tick) else {
             return if inner.is_indexed {
-                Found::Nothing
+                Lookup::Nothing
             } else {
-                Found::Loading
+                Lookup::Loading
             };
         };
-        // The part itself last: the newest wish is read first.
-        for beside in [place.wrapping_sub(1), place + 1, place] {
-            let Some(part) = inner.index().get(beside).map(|indexed| indexed.part) else {
+        // The part itself last: the newest request is read first.
+        for neighbour in [place.wrapping_sub(1), place + 1, place] {
+            let Some(part) = inner.index().get(neighbour).map(|indexed| indexed.part) else {
                 continue;
             };
-            let used = if beside == place { uses } else { uses - 1 };
+            let used = if neighbour == place { uses } else { uses - 1 };
             match inner.loaded.get_mut(&part) {
                 Some(loaded) => loaded.used = used,
                 None => self.want(part),
@@ -216,14 +220,17 @@ impl Recording {
         }
         let part = inner.index().get(place).map(|indexed| indexed.part);
         let loaded = part.and_then(|part| inner.loaded.get(&part));
-        loaded.map_or(Found::Loading, |loaded| {
-            loaded.history.at(tick).map_or(Found::Nothing, Found::Frame)
+        loaded.map_or(Lookup::Loading, |loaded| {
+            loaded
+                .history
+                .at(tick)
+                .map_or(Lookup::Nothing, Lookup::Frame)
         })
     }
 
     fn want(&self, part: usize) {
         if let Some(wanted) = self.wanted.get() {
-            // Who finds no room waits, and asks again.
+            // If the queue is full, the client waits and asks again.
             let _is_taken = wanted.try_send(part).is_ok();
         }
     }
@@ -237,7 +244,7 @@ impl Recording {
             .status_at(tick)
     }
 
-    /// What of a range is in memory; of more than `most` ticks every n-th.
+    /// Ticks of a range that are in memory; every n-th if more than `most`.
     pub(crate) fn range(&self, [from, to]: [Tick; 2], most: usize) -> Vec<SharedFrame> {
         let inner = lock(&self.inner);
         let parts = inner
@@ -256,8 +263,8 @@ impl Recording {
         lock(&self.inner).loaded.contains_key(&part)
     }
 
-    /// Notes where the ticks of the next part are, by session.
-    fn indexed(&self, part: usize, found: &BTreeMap<u32, FoundTicks>) {
+    /// Records the positions of the ticks of the next part, by session.
+    fn indexed(&self, part: usize, found: &BTreeMap<u32, TickRange>) {
         let mut inner = lock(&self.inner);
         for (session, found) in found {
             inner.note(part, *session, *found);
@@ -265,21 +272,21 @@ impl Recording {
         inner.choose();
     }
 
-    /// The session that is shown.
+    /// The displayed session.
     fn shown(&self) -> Option<u32> {
         lock(&self.inner).shown
     }
 
-    /// Most memory of one part, bytes.
+    /// Maximum memory of one part, bytes.
     fn most_part_bytes(&self) -> usize {
         self.most_bytes / PARTS_AT_ONCE
     }
 
-    fn index_is_whole(&self) {
+    fn finish_index(&self) {
         lock(&self.inner).is_indexed = true;
     }
 
-    /// Takes a part into memory, and drops what was not used for the longest time where there is too much.
+    /// Stores a part in memory; removes the least recently used ones if there is too much.
     fn loaded(&self, part: usize, history: History) {
         let mut inner = lock(&self.inner);
         let used = inner.uses.saturating_sub(1);

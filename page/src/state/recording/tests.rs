@@ -1,4 +1,4 @@
-//! A recording is gone to as the last minutes are.
+//! Tests: seeking in a recording works like seeking in the last minutes.
 
 use std::sync::Arc;
 use std::thread::sleep;
@@ -11,10 +11,10 @@ use serde_json::Value;
 
 use super::RecordedMessages;
 use crate::state::HistoryBounds;
-use crate::state::fixture::made_up::MadeUp;
+use crate::state::fixture::messages::SyntheticRecording;
 use crate::state::fixture::{synthetic, venue};
 use crate::state::known::frame::SharedFrame;
-use crate::state::past::Found;
+use crate::state::past::Lookup;
 use crate::state::{PageOptions, PageState};
 
 fn recording(messages: impl RecordedMessages + 'static, bytes: usize) -> Arc<PageState> {
@@ -46,21 +46,21 @@ fn wait<T>(mut what: impl FnMut() -> Option<T>) -> T {
 
 fn at(state: &PageState, tick: i64) -> SharedFrame {
     wait(|| match state.shared().past.at(Tick(tick)) {
-        Found::Frame(frame) => Some(frame),
-        Found::Loading => None,
-        Found::Nothing => panic!("nothing at {tick}"),
+        Lookup::Frame(frame) => Some(frame),
+        Lookup::Loading => None,
+        Lookup::Nothing => panic!("nothing at {tick}"),
     })
 }
 
 #[test]
-fn any_tick_is_gone_to_with_how_everything_was_then() {
-    let state = recording(MadeUp::new(synthetic(2), 60 * 30), 64 << 20);
+fn any_tick_can_be_sought_with_its_status() {
+    let state = recording(SyntheticRecording::new(synthetic(2), 60 * 30), 64 << 20);
     wait(|| (!state.shared().past.is_loading()).then_some(()));
     assert_eq!(state.shared().past.span(), Some([Tick(0), Tick(1800)]));
     for tick in [1700, 3, 900, 901, 1799] {
         assert_eq!(at(&state, tick).tick, Tick(tick));
     }
-    // Seconds 12 to 18 without the last edge; its link is red at once.
+    // The last edge is silent in seconds 12 to 18; its link fails at once.
     at(&state, 60 * 14);
     let then = state.shared().past.status_at(Tick(60 * 14)).unwrap();
     assert!(then.contains("\"key\":\"link/south-east\""), "{then}");
@@ -72,8 +72,8 @@ fn any_tick_is_gone_to_with_how_everything_was_then() {
 }
 
 #[test]
-fn what_was_not_used_for_long_leaves_memory() {
-    let state = recording(MadeUp::new(synthetic(2), 60 * 40), 1 << 20);
+fn unused_parts_are_removed_from_memory() {
+    let state = recording(SyntheticRecording::new(synthetic(2), 60 * 40), 1 << 20);
     wait(|| (!state.shared().past.is_loading()).then_some(()));
     for tick in (0..2400).step_by(120) {
         at(&state, tick);
@@ -82,20 +82,20 @@ fn what_was_not_used_for_long_leaves_memory() {
         panic!("no recording");
     };
     let inner = crate::state::lock(&recording.inner);
-    let held: usize = inner.loaded.values().map(|loaded| loaded.bytes).sum();
+    let total: usize = inner.loaded.values().map(|loaded| loaded.bytes).sum();
     let largest = inner
         .loaded
         .values()
         .map(|loaded| loaded.bytes)
         .max()
         .unwrap();
-    assert!(held <= (1 << 20).max(largest), "{held}");
+    assert!(total <= (1 << 20).max(largest), "{total}");
 }
 
 /// A file that ends in the middle.
-struct Torn(MadeUp);
+struct Truncated(SyntheticRecording);
 
-impl RecordedMessages for Torn {
+impl RecordedMessages for Truncated {
     fn span_us(&self) -> [Micros; 2] {
         self.0.span_us()
     }
@@ -115,16 +115,19 @@ impl RecordedMessages for Torn {
 }
 
 #[test]
-fn what_is_before_a_tear_is_shown() {
-    let state = recording(Torn(MadeUp::new(synthetic(1), 60 * 30)), 64 << 20);
+fn a_truncated_recording_is_shown_up_to_the_cut() {
+    let state = recording(
+        Truncated(SyntheticRecording::new(synthetic(1), 60 * 30)),
+        64 << 20,
+    );
     wait(|| (!state.shared().past.is_loading()).then_some(()));
     let [first, last] = state.shared().past.span().unwrap();
     assert!(first == Tick(0) && (600..800).contains(&last.0), "{last}");
     assert_eq!(at(&state, 300).tick, Tick(300));
 }
 
-/// Fusion that starts again after so many seconds: another session, whose ticks begin anew.
-struct Restarted(MadeUp, i64);
+/// Fusion is restarted after this many seconds: another session with new ticks.
+struct Restarted(SyntheticRecording, i64);
 
 impl RecordedMessages for Restarted {
     fn span_us(&self) -> [Micros; 2] {
@@ -152,15 +155,15 @@ impl RecordedMessages for Restarted {
 }
 
 #[test]
-fn of_two_sessions_the_one_with_the_most_ticks_is_shown() {
+fn the_session_with_the_most_ticks_is_shown() {
     for (again_s, last) in [(10, 60 * 20), (21, 60 * 21 - 1)] {
         let state = recording(
-            Restarted(MadeUp::new(synthetic(1), 60 * 30), again_s),
+            Restarted(SyntheticRecording::new(synthetic(1), 60 * 30), again_s),
             64 << 20,
         );
         wait(|| (!state.shared().past.is_loading()).then_some(()));
         let [first, end] = state.shared().past.span().unwrap();
-        // Poses pass a little after their tick.
+        // Poses are sent a little after their tick.
         assert!(first.0 < 3 && (end.0 - last).abs() < 4, "{first} to {end}");
         let sessions: Vec<u32> = [5, 60 * 5, 60 * 9]
             .into_iter()
@@ -177,36 +180,36 @@ fn of_two_sessions_the_one_with_the_most_ticks_is_shown() {
 }
 
 #[test]
-fn an_alarm_is_on_since_it_began_wherever_a_recording_is_entered() {
-    let state = recording(MadeUp::new(synthetic(1), 60 * 30), 64 << 20);
+fn alarm_start_times_do_not_depend_on_where_a_recording_is_entered() {
+    let state = recording(SyntheticRecording::new(synthetic(1), 60 * 30), 64 << 20);
     wait(|| (!state.shared().past.is_loading()).then_some(()));
-    // The last edge is missed from second 14 on; a part begins at 16.
+    // The last edge is reported silent from second 14; a part begins at second 16.
     at(&state, 60 * 17 + 50);
     let status = state.shared().past.status_at(Tick(60 * 17 + 50)).unwrap();
     let status: Value = serde_json::from_str(&status).unwrap();
     let alarms = status["alarms"].as_array().unwrap();
-    let missed = alarms
+    let alarm = alarms
         .iter()
         .find(|alarm| alarm["key"] == "node/south-east");
-    let since_us = missed.unwrap()["since_us"].as_i64().unwrap();
+    let since_us = alarm.unwrap()["since_us"].as_i64().unwrap();
     let since_s = (since_us - crate::state::fixture::EPOCH_US) as f64 / 1e6;
     assert!((13.9..15.9).contains(&since_s), "{since_s}");
 }
 
 #[test]
-fn the_part_that_is_shown_stays_in_memory() {
-    let state = recording(MadeUp::new(synthetic(2), 60 * 40), 1 << 20);
+fn the_current_part_stays_in_memory() {
+    let state = recording(SyntheticRecording::new(synthetic(2), 60 * 40), 1 << 20);
     wait(|| (!state.shared().past.is_loading()).then_some(()));
     let crate::state::past::Past::Recording(recording) = &state.shared().past else {
         panic!("no recording");
     };
     for tick in (0..2400).step_by(120) {
         at(&state, tick);
-        // Those beside it come, too.
+        // Its neighbours are loaded too.
         for _ in 0..5 {
             sleep(Duration::from_millis(20));
             assert!(
-                matches!(recording.at(Tick(tick)), Found::Frame(_)),
+                matches!(recording.at(Tick(tick)), Lookup::Frame(_)),
                 "{tick}"
             );
         }

@@ -1,4 +1,4 @@
-//! What is no failure: nodes that are waited for, and a run that has ended.
+//! Tests: nodes that are still starting and runs that have ended are not failures.
 
 use std::sync::Arc;
 
@@ -12,9 +12,9 @@ use farfield_proto::wire;
 use crate::protocol::status::{Condition, Severity, StatusDocument};
 use crate::state::fixture::{context, synthetic, venue};
 use crate::state::known::context::{Context, Topic};
-use crate::state::known::{Beside, Known};
+use crate::state::known::{External, Known};
 
-/// The made-up venue with cameras in the place of its recordings.
+/// The synthetic venue with cameras instead of recordings.
 fn filmed() -> Arc<Context> {
     let mut filmed = venue::venue();
     for camera in &mut filmed.cameras {
@@ -26,9 +26,9 @@ fn filmed() -> Arc<Context> {
     Arc::new(Context::new(filmed, venue::skeleton()))
 }
 
-/// Lets `known` hear every status from tick `from` to `to`, not included, as `change` makes it, where that says that it is
-/// said at all.
-fn tell(
+/// Feeds every status from tick `from` up to `to` (exclusive), after `change`; `change` returns
+/// whether to send it.
+fn feed(
     known: &mut Known,
     context: &Context,
     [from, to]: [i64; 2],
@@ -47,7 +47,7 @@ fn tell(
 }
 
 fn status_of(known: &mut Known) -> StatusDocument {
-    known.status(&Beside::default())
+    known.status(&External::default())
 }
 
 fn keys_of(known: &mut Known) -> Vec<String> {
@@ -55,20 +55,20 @@ fn keys_of(known: &mut Known) -> Vec<String> {
     alarms.into_iter().map(|alarm| alarm.key).collect()
 }
 
-/// No camera of this node gives pictures.
+/// Makes all cameras of this node stop giving images.
 fn blind(status: &mut Status) -> bool {
     let cameras = status.live.iter_mut().flat_map(|live| &mut live.cameras);
     cameras.for_each(|camera| camera.health = CameraHealth::Silent);
     true
 }
 
-/// Symptom: where one edge of a recorded venue was missing at the start, the cameras of all others were told to have failed,
-/// and nothing that fusion waited.
+/// Regression: if one edge of a recorded venue was missing at the start, the cameras of all others
+/// were reported as failed, and the waiting of fusion was not.
 #[test]
-fn while_fusion_waits_for_an_edge_that_is_said_and_no_recording_has_failed() {
+fn waiting_for_an_edge_is_reported_without_camera_failures() {
     let context = context();
     let mut known = Known::new(Arc::clone(&context));
-    tell(&mut known, &context, [0, 60 * 6], |status| {
+    feed(&mut known, &context, [0, 60 * 6], |status| {
         blind(status);
         status.tick = None;
         if let Some(live) = &mut status.live {
@@ -79,13 +79,13 @@ fn while_fusion_waits_for_an_edge_that_is_said_and_no_recording_has_failed() {
         status.node != "south-east"
     });
     let status = status_of(&mut known);
-    let said: Vec<_> = status
+    let alarms: Vec<_> = status
         .alarms
         .iter()
         .map(|alarm| (alarm.severity, alarm.key.as_str(), alarm.text.as_str()))
         .collect();
     assert_eq!(
-        said,
+        alarms,
         [(
             Severity::Warning,
             "node/fusion/waiting",
@@ -96,9 +96,9 @@ fn while_fusion_waits_for_an_edge_that_is_said_and_no_recording_has_failed() {
     assert!(status.cameras.iter().all(|it| it.state == "unknown"));
 }
 
-/// Symptom: the first half minute of a demo was red, while the demo started its own edges.
+/// Regression: the first half minute of a demo was red while it started its own edges.
 #[test]
-fn a_venue_that_is_starting_has_no_failure_and_one_that_should_have_started_has() {
+fn missing_nodes_fail_only_after_the_start_up_period() {
     let context = context();
     for waits in [true, false] {
         let mut known = Known::new(Arc::clone(&context));
@@ -114,23 +114,23 @@ fn a_venue_that_is_starting_has_no_failure_and_one_that_should_have_started_has(
             let of_nodes = alarms.filter(|alarm| alarm.key.starts_with("node/"));
             of_nodes.map(|alarm| (alarm.severity, alarm.text)).collect()
         };
-        tell(&mut known, &context, [0, 60 * 30], alone);
+        feed(&mut known, &context, [0, 60 * 30], alone);
         let alarms = about_nodes(&mut known);
         assert!(!alarms.is_empty());
         for (severity, text) in alarms {
             assert_eq!(severity, Severity::Warning, "{text}");
             assert!(text.starts_with("starting: "), "{text}");
         }
-        tell(&mut known, &context, [60 * 61, 60 * 62], alone);
+        feed(&mut known, &context, [60 * 61, 60 * 62], alone);
         let alarms = about_nodes(&mut known);
         let failed = alarms.iter().filter(|it| it.0 == Severity::Failed);
         assert_eq!(failed.count(), context.venue.viewpoints.len(), "{alarms:?}");
     }
 }
 
-/// Symptom: as soon as ticks began, and before any edge could have sent something, all links were red.
+/// Regression: all links were red as soon as ticks began, before any edge could have sent.
 #[test]
-fn links_have_a_moment_to_begin_once_the_ticks_do() {
+fn links_get_time_to_start_after_the_first_tick() {
     let context = context();
     let mut known = Known::new(Arc::clone(&context));
     let dumb = |status: &mut Status| {
@@ -145,43 +145,43 @@ fn links_have_a_moment_to_begin_once_the_ticks_do() {
             .filter(|it| it.state == Condition::Failed)
             .count()
     };
-    tell(&mut known, &context, [0, 60 * 2], dumb);
+    feed(&mut known, &context, [0, 60 * 2], dumb);
     assert_eq!(n_red(&mut known), 0);
     assert!(!keys_of(&mut known).iter().any(|it| it.starts_with("link/")));
-    tell(&mut known, &context, [60 * 2, 60 * 5], dumb);
+    feed(&mut known, &context, [60 * 2, 60 * 5], dumb);
     assert_eq!(n_red(&mut known), context.venue.viewpoints.len());
 }
 
 #[test]
-fn recordings_have_a_moment_to_begin_once_the_ticks_do() {
+fn recordings_get_time_to_start_after_the_first_tick() {
     let context = context();
     let mut known = Known::new(Arc::clone(&context));
-    let n_told = |known: &mut Known| {
+    let n_camera_alarms = |known: &mut Known| {
         let keys = keys_of(known);
-        let told = keys.iter().filter(|key| key.starts_with("camera/"));
-        told.count()
+        keys.iter().filter(|key| key.starts_with("camera/")).count()
     };
-    tell(&mut known, &context, [0, 60 * 3], blind);
-    assert_eq!(n_told(&mut known), 0);
-    tell(&mut known, &context, [60 * 3, 60 * 5], blind);
-    assert_eq!(n_told(&mut known), context.venue.cameras.len());
+    feed(&mut known, &context, [0, 60 * 3], blind);
+    assert_eq!(n_camera_alarms(&mut known), 0);
+    feed(&mut known, &context, [60 * 3, 60 * 5], blind);
+    assert_eq!(n_camera_alarms(&mut known), context.venue.cameras.len());
 }
 
 #[test]
-fn a_camera_that_is_no_recording_is_missed_at_once() {
+fn a_silent_live_camera_is_reported_at_once() {
     let context = filmed();
     let mut known = Known::new(Arc::clone(&context));
-    tell(&mut known, &context, [0, 1], blind);
+    feed(&mut known, &context, [0, 1], blind);
     assert!(keys_of(&mut known).contains(&"camera/north-east-left".to_owned()));
 }
 
-/// Symptom: at the end of every round of the demo, and at Ctrl-C, every node and camera was told to have failed.
+/// Regression: at the end of every round of the demo, and at Ctrl-C, every node and camera was
+/// reported as failed.
 #[test]
-fn what_is_silent_since_the_run_has_ended_has_not_failed() {
+fn silence_after_the_end_of_a_run_is_no_failure() {
     let context = context();
     let mut known = Known::new(Arc::clone(&context));
-    tell(&mut known, &context, [0, 600], |_| true);
-    tell(&mut known, &context, [600, 601], |status| {
+    feed(&mut known, &context, [0, 600], |_| true);
+    feed(&mut known, &context, [600, 601], |status| {
         status.ready = false;
         status.node == "fusion"
     });
@@ -189,29 +189,29 @@ fn what_is_silent_since_the_run_has_ended_has_not_failed() {
         known.wait(250_000);
     }
     let status = status_of(&mut known);
-    let said: Vec<_> = status
+    let alarms: Vec<_> = status
         .alarms
         .iter()
         .map(|alarm| (alarm.severity, alarm.text.as_str()))
         .collect();
-    assert_eq!(said, [(Severity::Warning, "the run has ended")]);
+    assert_eq!(alarms, [(Severity::Warning, "the run has ended")]);
     assert!(
         status
             .nodes
             .iter()
             .all(|node| node.state == Condition::Works)
     );
-    // Fusion works again.
-    tell(&mut known, &context, [60 * 21, 60 * 21 + 1], |_| true);
+    // Fusion runs again.
+    feed(&mut known, &context, [60 * 21, 60 * 21 + 1], |_| true);
     let keys = keys_of(&mut known);
     assert!(!keys.contains(&"run/ended".to_owned()), "{keys:?}");
 }
 
 #[test]
-fn fusion_that_gives_up_has_failed_and_not_ended() {
+fn a_failed_fusion_is_not_reported_as_ended() {
     let context = context();
     let mut known = Known::new(Arc::clone(&context));
-    tell(&mut known, &context, [0, 61], |status| {
+    feed(&mut known, &context, [0, 61], |status| {
         status.ready = false;
         status.failure = Some("no disk".to_owned());
         status.node == "fusion"
@@ -221,12 +221,12 @@ fn fusion_that_gives_up_has_failed_and_not_ended() {
     assert!(!keys.contains(&"run/ended".to_owned()), "{keys:?}");
 }
 
-/// What cameras disagree about is fusion's to say: a cause that the page has never heard of is told like any other.
+/// Fusion describes camera disagreements; the page must show causes that it does not know.
 #[test]
-fn a_notice_is_told_in_its_own_words_with_its_own_remedy() {
+fn notices_keep_their_own_text_and_remedy() {
     let context = context();
     let mut known = Known::new(Arc::clone(&context));
-    tell(&mut known, &context, [0, 61], |status| {
+    feed(&mut known, &context, [0, 61], |status| {
         if status.node == "fusion" {
             status.health.notice(
                 "camera ne-left stands in a new kind of fog; wipe it; then look again".to_owned(),
@@ -256,21 +256,21 @@ fn a_notice_is_told_in_its_own_words_with_its_own_remedy() {
     );
 }
 
-/// Symptom: wherever ticks of a viewpoint were missing, the link was said to lose messages, also where the processor was busy.
+/// Regression: all missing ticks were attributed to message loss, also if the processor was busy.
 #[test]
-fn missing_ticks_are_blamed_on_what_loses_most_of_them() {
-    /// What of fusion's link and of the edge grows by so many a second.
+fn missing_ticks_are_attributed_to_the_main_cause() {
+    /// Growth per second of the counters of fusion's link and of the edge.
     #[derive(Default)]
-    struct Grows {
+    struct Growth {
         late: u64,
         missing: u64,
         missed_ticks: u64,
     }
-    let alarm = |grows: Grows| {
+    let alarm = |grows: Growth| {
         let context = context();
         let mut known = Known::new(Arc::clone(&context));
         let viewpoint = context.node_name(Some(ViewpointIndex(0))).to_owned();
-        tell(&mut known, &context, [0, 301], |status| {
+        feed(&mut known, &context, [0, 301], |status| {
             let s = status.tick.map_or(0, |tick| tick.0.unsigned_abs() / 60);
             let is_edge = status.node == viewpoint;
             let Some(live) = &mut status.live else {
@@ -287,7 +287,7 @@ fn missing_ticks_are_blamed_on_what_loses_most_of_them() {
         let alarms = status_of(&mut known).alarms;
         alarms.into_iter().find(|alarm| alarm.key == key)
     };
-    let with_missing = |late: u64, missed_ticks: u64| Grows {
+    let with_missing = |late: u64, missed_ticks: u64| Growth {
         late,
         missing: 10,
         missed_ticks,
@@ -297,17 +297,29 @@ fn missing_ticks_are_blamed_on_what_loses_most_of_them() {
         (with_missing(1, 2), "north-east", "the link loses messages"),
         (
             with_missing(0, 9),
-            "did not work on",
+            "which it skipped",
             "processor is too busy",
         ),
         (with_missing(8, 1), "in time", "none is lost"),
     ] {
         let alarm = alarm(grows).unwrap();
-        assert!(alarm.text.starts_with("of 10 ticks a second"), "{alarm:?}");
+        assert!(alarm.text.starts_with("10 ticks per second"), "{alarm:?}");
         assert!(
             alarm.text.contains(why) && alarm.remedy.contains(remedy),
             "{alarm:?}"
         );
     }
-    assert_eq!(alarm(Grows::default()), None);
+    assert_eq!(alarm(Growth::default()), None);
+}
+
+#[test]
+fn a_loss_is_reported_for_a_minute() {
+    let mut growth = Growth::default();
+    let mut at = |s: Micros, value| growth.has_grown("link/ne/dropped", value, s * SECOND_US);
+    assert!(!at(0, 7), "the time of earlier losses is unknown");
+    assert!(!at(1, 7));
+    assert!(at(2, 8) && at(61, 8));
+    assert!(!at(62, 8));
+    assert!(!at(63, 0), "the node was restarted");
+    assert!(at(64, 1));
 }
