@@ -1,13 +1,13 @@
-//! Units and axes: from our world (metres, right-handed, z up) to what another program expects.
+//! Units and axes: from our world (metres, right-handed, z up) to those of other programs.
 
 use std::str::FromStr;
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
-/// A program whose units and axes are asked for.
+/// A program with its units and axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Preset {
-    /// Blender: metres, z up; its importers of BVH and glTF take y up.
+    /// Blender: metres, z up; its BVH and glTF importers expect y up.
     Blender,
     /// Unreal Engine: centimetres, left-handed, z up, x forward, y right.
     Unreal,
@@ -34,7 +34,7 @@ impl FromStr for Preset {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        crate::choice::named(name, &Self::ALL)
+        crate::options::named(name, &Self::ALL)
     }
 }
 
@@ -50,7 +50,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Units in a metre.
+    /// Units per metre.
     pub const fn per_metre(self) -> f64 {
         match self {
             Self::Metre => 1.0,
@@ -69,12 +69,13 @@ impl Unit {
     }
 }
 
-/// Which way the axes of a file point.
+/// Directions of a file's axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Orientation {
     /// As our world: right-handed, z up.
     ZUp,
-    /// Right-handed, y up: (x, y, z) = (y, z, x) of the world, so that who faces the world's x faces z.
+    /// Right-handed, y up: (x, y, z) = (y, z, x) of the world; a person who faces the world's x
+    /// faces z.
     YUp,
     /// Unity's: left-handed, y up: (-y, z, x) of the world.
     LeftYUp,
@@ -98,7 +99,7 @@ impl Axes {
         orientation: Orientation::ZUp,
     };
 
-    /// What `preset` expects of a file of positions (CSV, Parquet, C3D).
+    /// Axes that `preset` expects in files of positions (CSV, Parquet, C3D).
     pub const fn of_points(preset: Preset) -> Self {
         let (unit, orientation) = match preset {
             Preset::Blender => (Unit::Metre, Orientation::ZUp),
@@ -110,7 +111,7 @@ impl Axes {
         Self { unit, orientation }
     }
 
-    /// What `preset` expects of a BVH file. Blender's importer takes y up, and turns it.
+    /// Axes that `preset` expects in BVH files. Blender's importer expects y up and converts.
     pub const fn of_bvh(preset: Preset) -> Self {
         match preset {
             Preset::Blender => Self {
@@ -121,7 +122,7 @@ impl Axes {
         }
     }
 
-    /// Rows: the file's axes in the world's. Orthogonal; its determinant is -1 where the file is left-handed.
+    /// Rows: the file's axes in the world. Orthogonal; the determinant is -1 for left-handed files.
     pub fn from_world(self) -> Matrix3<f64> {
         match self.orientation {
             Orientation::ZUp => Matrix3::identity(),
@@ -131,15 +132,15 @@ impl Axes {
         }
     }
 
-    /// A point or offset in metres of our axes, in the file's units and axes.
+    /// Converts a point or offset from metres in our axes to the file's units and axes.
     pub fn point(self, ours_m: &Vector3<f64>) -> Vector3<f64> {
         self.from_world() * ours_m * self.unit.per_metre()
     }
 
-    /// A rotation in our axes, in the file's: A R A⁻¹.
+    /// Converts a rotation from our axes to the file's: A R A⁻¹.
     pub fn rotation(self, ours: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         let a = self.from_world();
-        // The axis turns with the axes; a mirror turns the sense of rotation round.
+        // The axis is converted like a vector; mirroring reverses the sense of rotation.
         let axis = a * ours.imag() * a.determinant();
         UnitQuaternion::new_unchecked(Quaternion::from_parts(ours.w, axis))
     }
@@ -153,7 +154,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn turning_and_changing_axes_commute(
+        fn rotation_and_axis_conversion_commute(
             turn in prop::array::uniform3(-3.0f64..3.0), at in prop::array::uniform3(-9.0f64..9.0), pick in 0usize..5,
         ) {
             let axes = Axes::of_points(Preset::ALL[pick].1);
@@ -165,22 +166,22 @@ mod tests {
     }
 
     #[test]
-    fn up_forward_and_left_are_where_programs_expect_them() {
-        let of = |preset| {
+    fn presets_map_forward_left_and_up_correctly() {
+        let choice = |preset| {
             let axes = Axes::of_points(preset);
             [Vector3::x(), Vector3::y(), Vector3::z()].map(|v: Vector3<f64>| axes.point(&v).into())
         };
-        let [forward, left, up]: [[f64; 3]; 3] = of(Preset::Unreal);
+        let [forward, left, up]: [[f64; 3]; 3] = choice(Preset::Unreal);
         assert_eq!(
             [forward, left, up],
             [[100.0, 0.0, 0.0], [0.0, -100.0, 0.0], [0.0, 0.0, 100.0]]
         );
-        let [forward, left, up]: [[f64; 3]; 3] = of(Preset::Unity);
+        let [forward, left, up]: [[f64; 3]; 3] = choice(Preset::Unity);
         assert_eq!(
             [forward, left, up],
             [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
         );
-        let [forward, left, up]: [[f64; 3]; 3] = of(Preset::OpenSim);
+        let [forward, left, up]: [[f64; 3]; 3] = choice(Preset::OpenSim);
         assert_eq!(
             [forward, left, up],
             [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]

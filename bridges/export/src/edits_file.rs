@@ -1,4 +1,4 @@
-//! The file of names and edits beside a run or recording: read whole, and added to line by line.
+//! The file of names and edits next to a run or recording: read completely, extended line by line.
 
 use std::path::{Path, PathBuf};
 
@@ -8,47 +8,49 @@ use crate::edits::{Change, Edit, EditList, RefusedEdit, Roll, list};
 use crate::error::ExportError;
 use crate::files;
 
-/// Where names and edits of a run or recording are; the file need not be there.
+/// The file of names and edits of a run or recording; it need not exist.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EditsFile {
     path: PathBuf,
 }
 
 impl EditsFile {
-    /// The one at `path`.
+    /// The file at `path`.
     pub fn at(path: PathBuf) -> Self {
         Self { path }
     }
 
-    /// The one of the run in `folder`.
+    /// The file of the run in `folder`.
     pub fn of_run(folder: &Path) -> Self {
         Self::at(list::of_run(folder))
     }
 
-    /// The one beside a recording.
+    /// The file next to a recording.
     pub fn of_recording(recording: &Path) -> Self {
         Self::at(list::of_recording(recording))
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The edits; none where there is no file.
+    /// Reads the edits; none if the file does not exist.
     ///
     /// # Errors
-    /// What of the file cannot be read, with its line.
+    /// If the file cannot be read; with the line.
     pub fn read(&self) -> Result<EditList, ExportError> {
         let text = files::read_lines_if_there(&self.path)?;
         Ok(EditList::parse(&text, &self.path)?)
     }
 
-    /// Adds what `change` makes of the edits that are there, as made at `at` (RFC 3339), and gives them all. Several processes may do
-    /// so at once. What stands in the file stays as it is, also where the disk is full.
+    /// Appends the edit that `change` makes from the existing edits, with the time `at` (RFC 3339),
+    /// and returns all edits. Several processes may do this at once. Existing content stays
+    /// unchanged, even if the disk is full.
     ///
     /// # Errors
-    /// What of the file cannot be read or written; why the edit cannot be, by who is there (`roll`) where that is known.
+    /// If the file cannot be read or written, or the edit is impossible, checked against the
+    /// presence of people (`roll`) if given.
     pub fn add(
         &self,
         at: &str,
@@ -58,10 +60,10 @@ impl EditsFile {
         self.add_all(at, roll, |list| Ok(vec![change(list)?]))
     }
 
-    /// The same of several edits, of which all are added or none.
+    /// Like [`Self::add`], for several edits; all are added or none.
     ///
     /// # Errors
-    /// As [`Self::add`], of the first that cannot be.
+    /// As [`Self::add`], for the first edit that is impossible.
     pub fn add_all(
         &self,
         at: &str,
@@ -88,7 +90,7 @@ impl EditsFile {
         Ok(edited)
     }
 
-    /// What is refused because of an edit that stands there already is a fault of the file.
+    /// A refusal because of an existing edit is an error of the file.
     fn refused(&self, fault: RefusedEdit) -> ExportError {
         let is_new = |list: EditList| fault.number >= list.next_number();
         if self.read().is_ok_and(is_new) {
@@ -113,13 +115,13 @@ mod tests {
     }
 
     #[test]
-    fn lines_are_added_and_what_is_there_stays_as_it_is() {
+    fn lines_are_appended_and_existing_ones_kept() {
         let folder = tempfile::tempdir().unwrap();
         let file = EditsFile::of_run(folder.path());
         assert!(file.read().unwrap().is_empty());
         file.add("now", None, |_| Ok(name(3, "Anna"))).unwrap();
         let before = fs::read_to_string(file.path()).unwrap();
-        // By hand, and without its end.
+        // Edited by hand, without a final line end.
         let by_hand = r#"{"at":"later","edit":"drop","person":9}"#;
         fs::write(file.path(), format!("{before}\n{by_hand}")).unwrap();
         let list = file.add("now", None, |list| {
@@ -142,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn half_a_last_line_is_as_if_it_had_not_been_written() {
+    fn an_incomplete_last_line_is_ignored() {
         let folder = tempfile::tempdir().unwrap();
         let file = EditsFile::of_run(folder.path());
         file.add("now", None, |_| Ok(name(3, "Anna"))).unwrap();
@@ -152,7 +154,7 @@ mod tests {
             change: name(4, "Žofia"),
         };
         let second = second.line().into_bytes();
-        // Wherever it is broken off, also inside a letter.
+        // Cut off at any place, also inside a character.
         for end in 1..second.len() - 1 {
             fs::write(file.path(), [&before, &second[..end]].concat()).unwrap();
             let list = file.read().unwrap();
@@ -164,7 +166,7 @@ mod tests {
             assert_eq!(numbers, [1, 2]);
             assert!(fs::read(file.path()).unwrap().starts_with(&before));
         }
-        // What somebody has written by hand is not half a line.
+        // Invalid lines written by hand are not treated as cut off.
         for by_hand in ["an edit", r#"{"at":"later","edit":"drop","person":"x"}"#] {
             fs::write(file.path(), [&before, by_hand.as_bytes()].concat()).unwrap();
             assert!(file.read().is_err(), "{by_hand}");
@@ -172,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn of_several_edits_all_are_added_or_none() {
+    fn several_edits_are_added_all_or_none() {
         let folder = tempfile::tempdir().unwrap();
         let file = EditsFile::of_run(folder.path());
         let both = |second| file.add_all("now", None, |_| Ok(vec![name(3, "Anna"), second]));
@@ -183,26 +185,26 @@ mod tests {
     }
 
     #[test]
-    fn an_edit_that_is_refused_leaves_no_trace() {
+    fn a_refused_edit_leaves_no_trace() {
         let folder = tempfile::tempdir().unwrap();
         let file = EditsFile::of_recording(&folder.path().join("hall.mcap"));
         let refused = file.add("now", None, |_| Ok(Change::Undo { number: 1 }));
-        let told = refused.unwrap_err().to_string();
-        assert_eq!(told, "found 1, expected the number of an edit before");
+        let error = refused.unwrap_err().to_string();
+        assert_eq!(error, "found 1, expected the number of an edit before");
         assert!(!file.path().exists());
         file.add("now", None, |_| Ok(Change::Drop { person: 9 }))
             .unwrap();
         let before = fs::read(file.path()).unwrap();
         let refused = file.add("now", None, |_| Ok(name(9, "Bo"))).unwrap_err();
         assert!(
-            refused.to_string().starts_with("found person 9, who"),
+            refused.to_string().starts_with("found person 9, which"),
             "{refused}"
         );
         assert_eq!(fs::read(file.path()).unwrap(), before);
     }
 
     #[test]
-    fn edits_of_several_who_edit_at_once_are_all_there() {
+    fn concurrent_edits_are_all_kept() {
         let folder = tempfile::tempdir().unwrap();
         let file = EditsFile::of_run(folder.path());
         std::thread::scope(|scope| {
@@ -210,8 +212,8 @@ mod tests {
                 let file = &file;
                 scope.spawn(move || {
                     for n in 0..10 {
-                        let called = format!("p{n}");
-                        file.add("now", None, |_| Ok(name(person, &called)))
+                        let name_text = format!("p{n}");
+                        file.add("now", None, |_| Ok(name(person, &name_text)))
                             .unwrap();
                     }
                 });

@@ -8,50 +8,50 @@ use farfield_proto::toml_file::FileError;
 /// Why nothing was written.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// The run's files are not as they should be.
+    /// The run's files are invalid.
     #[error("{0}")]
     Run(Box<FileError>),
-    /// The system refused.
+    /// An operation of the system failed.
     #[error("{what} {}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What was done.
+        /// The operation.
         what: &'static str,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// A file is there already.
+    /// A file already exists.
     #[error("{} is there already", path.display())]
     Exists {
         /// The file.
         path: PathBuf,
     },
-    /// One of the options does not fit the run or the format.
+    /// An option does not fit the run or the format.
     #[error("{problem}")]
     Option {
-        /// Which.
+        /// The option.
         field: OptionField,
         /// What was found and what was expected.
         problem: String,
     },
-    /// What is asked for does not fit the run, whichever option that is.
+    /// The request does not fit the run; no single option is the cause.
     #[error("{0}")]
     Options(String),
 }
 
-/// What of an [`ExportRequest`](crate::ExportRequest) an error is about.
+/// The part of an [`ExportRequest`](crate::ExportRequest) that an error is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OptionField {
-    /// Who is exported.
+    /// Selection of people.
     People,
-    /// What people are called.
+    /// Names of people.
     Called,
-    /// Which ticks.
+    /// Selection of ticks.
     Ticks,
     /// Frames per second.
     Rate,
-    /// What becomes of ticks without a pose.
+    /// Treatment of ticks without a pose.
     Gaps,
     /// The longest gap that is filled.
     LongestGap,
@@ -64,8 +64,8 @@ impl ExportError {
         Self::Option { field, problem }
     }
 
-    /// Of the option where it was given: nobody has to look for one that was not.
-    pub(crate) fn of(given: Option<OptionField>, problem: String) -> Self {
+    /// Attributes the problem to the option only if it was given.
+    pub(crate) fn with_option(given: Option<OptionField>, problem: String) -> Self {
         match given {
             Some(field) => Self::option(field, problem),
             None => Self::Options(problem),

@@ -1,4 +1,5 @@
-//! One export: the run is surveyed, then read once more per person and file; files get their names when all are whole.
+//! One export: surveys the run, then reads it once per person and file; renames the files when all
+//! are complete.
 
 use std::collections::BTreeMap;
 use std::ops::{Range, RangeInclusive};
@@ -7,7 +8,6 @@ use std::path::{Path, PathBuf};
 use farfield_fusion::export::unfinished::Unfinished;
 use farfield_proto::toml_file::FileError;
 
-use crate::called::{Called, people_of};
 use crate::edits::{EditList, Identities, RefusedEdit};
 use crate::edits_file::EditsFile;
 use crate::error::{ExportError, OptionField};
@@ -20,6 +20,7 @@ use crate::formats::parquet::ParquetWriter;
 use crate::formats::table::{TidyWriter, WideWriter, point_names};
 use crate::formats::trc_mot::{MotWriter, TrcWriter, has_angles};
 use crate::options::{ExportRequest, Format, Options};
+use crate::person_names::{PersonName, people_of};
 use crate::profile::SubjectProfile;
 use crate::run::line::for_each_pose;
 use crate::run::{PersonSurvey, RunFacts, Sample, Survey};
@@ -27,50 +28,50 @@ use crate::subject::Subject;
 use crate::timeline::{Clock, Frame, Resampler};
 use crate::together::write_mcap;
 
-/// Frame rates beyond these are refused, Hz.
+/// Allowed frame rates, Hz.
 const RATES_HZ: RangeInclusive<f64> = 0.5..=2000.0;
-/// Longest gaps beyond these are refused, seconds: what is longer is no gap, it is another visit.
+/// Allowed longest gaps, seconds; a longer absence is another visit.
 const LONGEST_GAPS_S: RangeInclusive<f64> = 0.0..=3600.0;
 
-/// Most frames of a person: 46 hours at 60 Hz.
+/// Maximum number of frames per person: 46 hours at 60 Hz.
 const MOST_FRAMES: u64 = 10_000_000;
 /// Longest stretch without a pose at the end of a person's files, seconds.
 const LONGEST_END_S: f64 = 3600.0;
 
-/// A file that was written.
+/// A written file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Written {
-    /// Where it is.
+    /// Its path.
     pub path: PathBuf,
-    /// What it is.
+    /// Its format.
     pub format: Format,
-    /// Who is in it.
+    /// The people in it.
     pub people: Vec<u32>,
-    /// Its bytes.
+    /// Its size, bytes.
     pub bytes: u64,
 }
 
-/// How far an export has come.
+/// Progress of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Readings of the poses that are done.
+    /// Number of completed passes over the poses.
     pub done: usize,
-    /// Of so many: the survey, and one per person and format.
+    /// Total number: the survey, and one per person and format.
     pub of: usize,
 }
 
-/// Writes what is asked for; all files, or none.
+/// Writes all requested files, or none.
 ///
 /// # Errors
-/// What of the run, the options or the files is wrong. Files that were there before are as they were, but for those that
-/// the error of a failed naming lists.
+/// Errors in the run, the options or the files. Existing files stay unchanged, except those that
+/// the error of a failed renaming lists.
 pub fn export(
     request: &ExportRequest,
     mut progress: impl FnMut(Progress),
 ) -> Result<Vec<Written>, ExportError> {
-    // What is in the way is told before an hour of poses is read, where names are known by then.
-    let of_all = request.formats.iter().filter(|format| format.holds_all());
-    for format in of_all {
+    // Report existing files before reading poses for an hour, where names are already known.
+    let shared = request.formats.iter().filter(|format| format.holds_all());
+    for format in shared {
         files::check_target(&request.out.join(format.file_name("")), request.existing)?;
     }
     let run = Run::open(request)?;
@@ -111,14 +112,14 @@ pub fn export(
     Ok(written)
 }
 
-/// A run that is being exported.
+/// A run during export.
 struct Run<'a> {
     request: &'a ExportRequest,
     survey: Survey,
     identities: Identities,
     clock: Clock,
-    /// Who is exported, and what they are called.
-    people: BTreeMap<u32, Called>,
+    /// The exported people with their names.
+    people: BTreeMap<u32, PersonName>,
 }
 
 impl<'a> Run<'a> {
@@ -135,7 +136,7 @@ impl<'a> Run<'a> {
         let clock = clock_of(&facts, options)?;
         let ticks = clock.first..clock.end;
         let (mut survey, identities) =
-            surveyed((&request.poses, request.edits.as_deref()), &ticks)?;
+            survey_run((&request.poses, request.edits.as_deref()), &ticks)?;
         let people = people_of(&survey, options, identities.names(), &ticks)?;
         let mut owners = BTreeMap::new();
         for path in &request.subjects {
@@ -148,7 +149,7 @@ impl<'a> Run<'a> {
                 );
                 return Err(FileError::new(path, problem).at_field("name").into());
             }
-            take_lengths(&mut survey, &people, (path, profile))?;
+            take_lengths(&mut survey, &people, path, profile)?;
         }
         for person in people.keys() {
             check_frames(*person, &clock_of_person(clock, survey.people.get(person)))?;
@@ -162,19 +163,19 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// All files: what, of whom, where.
+    /// All files: format, people, path.
     fn targets(&self) -> Vec<(Format, Vec<u32>, PathBuf)> {
-        let everybody: Vec<u32> = self.people.keys().copied().collect();
+        let all: Vec<u32> = self.people.keys().copied().collect();
         let mut targets = Vec::new();
         for &format in &self.request.formats {
             let files: Vec<Vec<u32>> = if format.holds_all() {
-                vec![everybody.clone()]
+                vec![all.clone()]
             } else {
-                everybody.iter().map(|person| vec![*person]).collect()
+                all.iter().map(|person| vec![*person]).collect()
             };
             for people in files {
-                let who = people.first().map_or("", |person| self.word(*person));
-                let path = self.request.out.join(format.file_name(who));
+                let word = people.first().map_or("", |person| self.word(*person));
+                let path = self.request.out.join(format.file_name(word));
                 targets.push((format, people, path));
             }
         }
@@ -182,7 +183,7 @@ impl<'a> Run<'a> {
     }
 
     fn word(&self, person: u32) -> &str {
-        self.people.get(&person).map_or("", |called| &called.word)
+        self.people.get(&person).map_or("", |name| &name.word)
     }
 
     fn subject(&self, person: u32) -> Option<Subject<'_>> {
@@ -315,7 +316,7 @@ impl<'a> Run<'a> {
                 self.for_each_frame(person, |frame| writer.frame(&frame).map_err(error))
             }
             Format::Mot => {
-                // The head counts the rows, and absent frames have none.
+                // The header contains the number of rows, and absent frames have none.
                 let mut n_rows = 0;
                 self.for_each_frame(person, |frame| {
                     n_rows += u64::from(has_angles(&frame, &subject));
@@ -325,7 +326,7 @@ impl<'a> Run<'a> {
                 self.for_each_frame(person, |frame| writer.frame(&frame).map_err(error))
             }
             Format::Osim => write_model(file, &subject).map_err(error),
-            // Of all people, which `write` has told from these.
+            // Formats of all people, handled by `write`.
             Format::Glb | Format::Gltf | Format::CsvTidy | Format::Parquet | Format::Mcap => Ok(()),
         }
     }
@@ -345,7 +346,7 @@ impl<'a> Run<'a> {
             |tick: i64, shown: u32| shown == person && (clock.first..clock.end).contains(&tick);
         let poses = (files::open(path)?, path.as_path());
         for_each_pose(poses, &self.identities, is_own, |line| {
-            let sample = Sample::of(&line, options.rest, &self.survey.keypoints);
+            let sample = Sample::from_line(&line, options.rest, &self.survey.keypoints);
             resampler.push(line.tick, sample, &mut each)
         })?;
         resampler.finish(each)
@@ -395,7 +396,8 @@ fn ends(range: &RangeInclusive<f64>) -> [f64; 2] {
     [*range.start(), *range.end()]
 }
 
-/// The frames of one person: they end with the last pose where the rest is long and empty, as TRC files of live runs do.
+/// The frames of one person; they end with the last pose if a long empty rest follows, as in TRC
+/// files of live runs.
 fn clock_of_person(clock: Clock, survey: Option<&PersonSurvey>) -> Clock {
     let last = survey
         .and_then(|survey| survey.present)
@@ -407,7 +409,7 @@ fn clock_of_person(clock: Clock, survey: Option<&PersonSurvey>) -> Clock {
     }
 }
 
-/// A summary may say anything: what would fill a disk is refused.
+/// Refuses a number of frames that would fill a disk, since a summary may contain any number.
 fn check_frames(person: u32, clock: &Clock) -> Result<(), ExportError> {
     let n_frames = clock.n_frames();
     if n_frames <= MOST_FRAMES {
@@ -418,8 +420,8 @@ fn check_frames(person: u32, clock: &Clock) -> Result<(), ExportError> {
     )))
 }
 
-/// Who is in a file of poses with edits beside it, and who they are.
-fn surveyed(
+/// Surveys a file of poses with its edits.
+fn survey_run(
     (poses, edits): (&Path, Option<&Path>),
     ticks: &Range<i64>,
 ) -> Result<(Survey, Identities), ExportError> {
@@ -427,20 +429,20 @@ fn surveyed(
         Some(path) => EditsFile::at(path.to_owned()).read()?,
         None => EditList::default(),
     };
-    let of_file = |fault: RefusedEdit| fault.in_file(edits.unwrap_or(poses));
-    let identities = list.identities(None).map_err(of_file)?;
-    let survey = Survey::of(files::open(poses)?, poses, ticks, &identities)?;
-    // Now it is known who is there.
-    list.identities(Some(&survey.roll)).map_err(of_file)?;
+    let in_file = |fault: RefusedEdit| fault.in_file(edits.unwrap_or(poses));
+    let identities = list.identities(None).map_err(in_file)?;
+    let survey = Survey::from_lines(files::open(poses)?, poses, ticks, &identities)?;
+    // Check again, now that presence is known.
+    list.identities(Some(&survey.roll)).map_err(in_file)?;
     Ok((survey, identities))
 }
 
-/// The profile of a person of the `poses` with `edits` beside them.
+/// The profile of a person of `poses` with `edits`.
 ///
 /// # Errors
-/// What of the files is wrong; when nobody of that id is there, or the person has no name.
+/// Errors in the files; also if the person does not exist or has no name.
 pub fn profile_of(poses: &Path, edits: &Path, person: u32) -> Result<SubjectProfile, ExportError> {
-    let (survey, identities) = surveyed((poses, Some(edits)), &(i64::MIN..i64::MAX))?;
+    let (survey, identities) = survey_run((poses, Some(edits)), &(i64::MIN..i64::MAX))?;
     let known = survey.people.get(&person).ok_or_else(|| {
         ExportError::Options(format!(
             "found person {person}, expected one of {:?}",
@@ -449,28 +451,29 @@ pub fn profile_of(poses: &Path, edits: &Path, person: u32) -> Result<SubjectProf
     })?;
     let name = identities.names().get(&person).ok_or_else(|| {
         ExportError::Options(format!(
-            "found no name of person {person}, expected one: a profile is known by its name"
+            "found no name of person {person}, expected one: profiles are found by name"
         ))
     })?;
-    Ok(SubjectProfile::of(known, name))
+    Ok(SubjectProfile::from_survey(known, name))
 }
 
-/// Gives whoever is called as the profile at `path` says its lengths.
+/// Gives the person with the profile's name the profile's lengths.
 fn take_lengths(
     survey: &mut Survey,
-    people: &BTreeMap<u32, Called>,
-    (path, profile): (&Path, SubjectProfile),
+    people: &BTreeMap<u32, PersonName>,
+    path: &Path,
+    profile: SubjectProfile,
 ) -> Result<(), ExportError> {
-    let mut called = people
+    let mut matching = people
         .iter()
-        .filter(|(_, called)| called.name == profile.name)
+        .filter(|(_, name)| name.name == profile.name)
         .map(|(person, _)| person);
-    let (person, other) = (called.next(), called.next());
+    let (person, other) = (matching.next(), matching.next());
     if let Some((person, other)) = person.zip(other) {
         return Err(ExportError::option(
             OptionField::Subjects,
             format!(
-                "{}: found persons {person} and {other} who are called {}, expected one",
+                "{}: found persons {person} and {other} with the name {}, expected one",
                 path.display(),
                 profile.name
             ),
@@ -482,7 +485,7 @@ fn take_lengths(
         ExportError::option(
             OptionField::Subjects,
             format!(
-                "{}: nobody is called {}, expected one of {}",
+                "{}: no person is named {}, expected one of {}",
                 path.display(),
                 profile.name,
                 names.join(", ")

@@ -1,4 +1,4 @@
-//! Whole exports of a run that is made up.
+//! Tests: complete exports of a synthetic run.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use crate::{Existing, ExportError, ExportRequest, Format, Options, Written, expo
 
 const N_TICKS: i64 = 50;
 
-/// A run of three people in `folder`, and a request for all formats of it.
+/// A run of three people in `folder`, and a request for all formats.
 fn request(folder: &Path) -> ExportRequest {
     fs::write(folder.join("poses.jsonl"), poses_jsonl(&[1, 2, 5], N_TICKS)).unwrap();
     fs::write(folder.join("summary.json"), summary_json(N_TICKS)).unwrap();
@@ -57,7 +57,7 @@ fn equal_runs_give_equal_bytes() {
 }
 
 #[test]
-fn nothing_is_left_of_an_export_that_failed() {
+fn a_failed_export_leaves_nothing_behind() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     fs::create_dir_all(&request.out).unwrap();
@@ -77,7 +77,7 @@ fn nothing_is_left_of_an_export_that_failed() {
 }
 
 #[test]
-fn options_that_do_not_fit_are_refused_with_what_would() {
+fn invalid_options_are_refused_with_valid_values() {
     let folder = tempfile::tempdir().unwrap();
     let base = request(folder.path());
     let refused = |change: &dyn Fn(&mut ExportRequest)| {
@@ -108,7 +108,7 @@ fn options_that_do_not_fit_are_refused_with_what_would() {
 }
 
 #[test]
-fn one_person_a_time_range_and_another_rate_are_taken_out() {
+fn person_time_range_and_rate_can_be_selected() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     request.formats = vec![Format::Bvh];
@@ -131,7 +131,7 @@ fn one_person_a_time_range_and_another_rate_are_taken_out() {
 }
 
 #[test]
-fn a_line_that_is_wrong_is_named() {
+fn an_invalid_line_is_refused_with_its_number() {
     let folder = tempfile::tempdir().unwrap();
     let request = request(folder.path());
     fs::write(
@@ -147,14 +147,14 @@ fn a_line_that_is_wrong_is_named() {
 }
 
 #[test]
-fn trc_and_mot_have_the_rows_that_their_heads_count() {
+fn trc_and_mot_row_counts_match_their_headers() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     request.formats = vec![Format::Trc, Format::Mot];
     request.options.people = vec![2];
     let written = bytes_of(&run(&request).unwrap());
     let text = |i: usize| String::from_utf8(written[i].1.clone()).unwrap();
-    // Person 2 is away for 10 of 50 ticks: blank in one, left out in the other.
+    // Person 2 is absent for 10 of 50 ticks: blank rows in TRC, no rows in MOT.
     let (trc, mot) = (text(0), text(1));
     assert_eq!(trc.lines().nth(2).unwrap().split('\t').nth(2), Some("50"));
     assert_eq!(trc.lines().count(), 5 + 50);
@@ -164,7 +164,7 @@ fn trc_and_mot_have_the_rows_that_their_heads_count() {
 }
 
 #[test]
-fn a_trc_file_of_another_rate_says_which_ticks_of_the_run_it_was_made_of() {
+fn a_resampled_trc_file_contains_its_original_ticks() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     request.formats = vec![Format::Trc];
@@ -192,7 +192,7 @@ fn a_trc_file_of_another_rate_says_which_ticks_of_the_run_it_was_made_of() {
 }
 
 #[test]
-fn in_gltf_a_pose_is_held_to_the_end_of_a_gap() {
+fn gltf_holds_a_pose_to_the_end_of_a_gap() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     request.formats = vec![Format::Gltf];
@@ -211,7 +211,7 @@ fn in_gltf_a_pose_is_held_to_the_end_of_a_gap() {
     let input = json["animations"][0]["samplers"][0]["input"]
         .as_u64()
         .unwrap();
-    // 40 ticks, and the one that holds.
+    // 40 ticks, and the key that holds the pose.
     assert_eq!(
         json["accessors"][usize::try_from(input).unwrap()]["count"],
         41
@@ -219,7 +219,7 @@ fn in_gltf_a_pose_is_held_to_the_end_of_a_gap() {
 }
 
 #[test]
-fn names_are_checked_and_kept_as_they_were_given() {
+fn names_are_checked_and_kept_as_given() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     request.formats = vec![Format::CsvTidy, Format::Osim, Format::C3d];
@@ -259,10 +259,10 @@ fn names_are_checked_and_kept_as_they_were_given() {
 }
 
 #[test]
-fn lengths_are_those_of_the_whole_file_whatever_the_ticks() {
+fn lengths_do_not_depend_on_the_selected_ticks() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
-    // The first ten ticks of person 1 are of a longer head.
+    // In the first ten ticks, person 1 has a longer head.
     let mut text = String::new();
     for tick in 0..N_TICKS {
         let mut line = crate::fixture::line_at(1, tick);
@@ -280,14 +280,14 @@ fn lengths_are_those_of_the_whole_file_whatever_the_ticks() {
 }
 
 #[test]
-fn a_summary_cannot_make_files_endless() {
+fn a_wrong_summary_cannot_make_files_endless() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     request.formats = vec![Format::Csv];
     request.options.people = vec![1];
     let far = 1_i64 << 41;
     fs::write(&request.summary, summary_json(far)).unwrap();
-    // Nobody is there for years: the file ends with the last pose.
+    // Years without a pose: the file ends with the last pose.
     let written = bytes_of(&run(&request).unwrap());
     let rows = String::from_utf8(written[0].1.clone()).unwrap();
     assert_eq!(rows.lines().count(), 1 + 50);
@@ -307,7 +307,7 @@ fn a_summary_cannot_make_files_endless() {
 }
 
 #[test]
-fn who_is_called_alike_is_told_apart_and_a_profile_gives_its_lengths() {
+fn equal_names_become_unique_and_profiles_apply() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     request.formats = vec![Format::Bvh];
@@ -333,7 +333,7 @@ fn who_is_called_alike_is_told_apart_and_a_profile_gives_its_lengths() {
     );
     let before = bytes_of(&before);
 
-    // Bo has the body of person 5 from now on.
+    // Bo gets the body of person 5.
     let profile = crate::profile_of(&request.poses, edits.path(), 5).unwrap();
     assert!(profile.sigma_m.iter().all(|sigma_m| *sigma_m < 1e-4));
     let path = folder.path().join("subjects/bo.toml");
@@ -346,15 +346,21 @@ fn who_is_called_alike_is_told_apart_and_a_profile_gives_its_lengths() {
     request.existing = Existing::Replace;
     request.subjects = vec![path];
     let after = bytes_of(&run(&request).unwrap());
-    let of = |files: &[(String, Vec<u8>)], name: &str| -> String {
+    let offsets_in = |files: &[(String, Vec<u8>)], name: &str| -> String {
         let found = files.iter().find(|(known, _)| known == name).unwrap();
         let text = String::from_utf8(found.1.clone()).unwrap();
         let offsets = text.lines().take_while(|line| *line != "MOTION");
         offsets.collect::<Vec<_>>().join("\n")
     };
-    assert_eq!(of(&after, "poses_Bo.bvh"), of(&before, "poses_ada_5.bvh"));
-    assert_ne!(of(&before, "poses_Bo.bvh"), of(&before, "poses_ada_5.bvh"));
-    // Two bodies for one name.
+    assert_eq!(
+        offsets_in(&after, "poses_Bo.bvh"),
+        offsets_in(&before, "poses_ada_5.bvh")
+    );
+    assert_ne!(
+        offsets_in(&before, "poses_Bo.bvh"),
+        offsets_in(&before, "poses_ada_5.bvh")
+    );
+    // Two profiles with one name.
     let second = folder.path().join("subjects/bo-again.toml");
     fs::copy(&request.subjects[0], &second).unwrap();
     request.subjects.push(second);
@@ -367,13 +373,13 @@ fn who_is_called_alike_is_told_apart_and_a_profile_gives_its_lengths() {
     request.options.people = vec![1];
     let refused = run(&request).unwrap_err().to_string();
     assert!(
-        refused.ends_with("nobody is called Bo, expected one of Ada"),
+        refused.ends_with("no person is named Bo, expected one of Ada"),
         "{refused}"
     );
 }
 
 #[test]
-fn somebody_called_tidy_leaves_the_file_of_everybody_its_name() {
+fn a_person_named_tidy_does_not_replace_the_shared_file() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     request.options.called = [(2, "tidy".to_owned())].into();
@@ -388,7 +394,7 @@ fn somebody_called_tidy_leaves_the_file_of_everybody_its_name() {
 }
 
 #[test]
-fn everybody_is_in_one_mcap_in_order_of_time_whoever_is_away() {
+fn one_mcap_contains_all_people_in_order_of_time() {
     let folder = tempfile::tempdir().unwrap();
     let mut request = request(folder.path());
     request.formats = vec!["foxglove".parse().unwrap()];
@@ -403,7 +409,7 @@ fn everybody_is_in_one_mcap_in_order_of_time_whoever_is_away() {
         of_two += u32::from(message.channel.topic == "/person_2/angles");
         topics.insert(message.channel.topic.clone());
     }
-    // Person 2 is away in ticks 20 to 29.
+    // Person 2 is absent in ticks 20 to 29.
     assert_eq!(of_two, 40);
     assert_eq!(last, 816_666_667);
     let topics: Vec<&str> = topics.iter().map(String::as_str).collect();

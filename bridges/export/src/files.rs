@@ -1,4 +1,4 @@
-//! The one place of this crate that touches files: reading a run, writing whole files or none, adding lines.
+//! File access of this crate: reads a run, writes files completely or not at all, appends lines.
 
 use std::fs::{self, File};
 use std::io::{self, BufReader, Read as _, Write as _};
@@ -11,7 +11,7 @@ use crate::edits::list::whole_lines;
 use crate::error::ExportError;
 use crate::options::Existing;
 
-/// Bytes of a summary, far above any that a run writes.
+/// Maximum size of a summary, bytes; far more than a run writes.
 const LARGEST_SUMMARY: u64 = 64 << 20;
 
 /// Opens a file of poses.
@@ -20,7 +20,7 @@ pub(crate) fn open(path: &Path) -> Result<BufReader<File>, ExportError> {
     Ok(BufReader::with_capacity(1 << 18, file))
 }
 
-/// The text of a small file.
+/// Reads a small text file.
 pub(crate) fn read_text(path: &Path) -> Result<String, ExportError> {
     let mut text = String::new();
     let file = open(path)?;
@@ -29,7 +29,8 @@ pub(crate) fn read_text(path: &Path) -> Result<String, ExportError> {
     Ok(text)
 }
 
-/// The same of a file that lines are added to and that may be missing: no text. Half a letter at its end is left out.
+/// Reads a file of appended lines; empty if it does not exist. An incomplete character at its end
+/// is dropped.
 pub(crate) fn read_lines_if_there(path: &Path) -> Result<String, ExportError> {
     match open(path) {
         Err(ExportError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
@@ -44,7 +45,7 @@ fn read_lines(file: impl io::Read) -> io::Result<String> {
     let mut bytes = Vec::new();
     file.take(LARGEST_SUMMARY).read_to_end(&mut bytes)?;
     if bytes.len() as u64 >= LARGEST_SUMMARY {
-        // What is cut off here is no half line, and would be lost without a word.
+        // A truncated read is not an incomplete line and would silently lose lines.
         return Err(io::ErrorKind::FileTooLarge.into());
     }
     String::from_utf8(bytes).or_else(|error| {
@@ -60,8 +61,9 @@ fn read_lines(file: impl io::Read) -> io::Result<String> {
     })
 }
 
-/// Adds the line that `make` makes of what stands in the file `path` (made where it is not there); others who add wait. Where the
-/// disk does not take all of it the file is as it was; half a line at its end goes.
+/// Appends the line that `make` creates from the content of the file `path`, which is created if
+/// missing. Other writers wait. If the disk is full, the file stays unchanged; an incomplete last
+/// line is removed.
 pub(crate) fn append(
     path: &Path,
     make: impl FnOnce(&str) -> Result<String, ExportError>,
@@ -70,37 +72,38 @@ pub(crate) fn append(
     let mut file = open_locked(path).map_err(failed)?;
     let text = read_lines(&mut file).map_err(|source| ExportError::io(path, "reading", source))?;
     let made = make(&text).and_then(|line| {
-        let kept = whole_lines(&text);
-        let begin = if kept.is_empty() || kept.ends_with('\n') {
+        let complete = whole_lines(&text);
+        let begin = if complete.is_empty() || complete.ends_with('\n') {
             ""
         } else {
             "\n"
         };
         let on_disk = file.metadata().map_err(failed)?.len();
-        if (kept.len() as u64) < on_disk {
-            file.set_len(kept.len() as u64).map_err(failed)?;
+        if (complete.len() as u64) < on_disk {
+            file.set_len(complete.len() as u64).map_err(failed)?;
         }
         let written = file.write_all(format!("{begin}{line}").as_bytes());
         let written = written.and_then(|()| file.sync_data());
         if written.is_err() {
-            // What is left of a line would be in the way of all that come; nothing more can be done where this fails, too.
-            drop(file.set_len(kept.len() as u64));
+            // The rest of a line would corrupt all following ones; if this fails too, nothing more
+            // can be done.
+            drop(file.set_len(complete.len() as u64));
         }
         written.map_err(failed)
     });
-    // An editor that knows nothing of the lock may have written meanwhile: only an empty file is taken away.
+    // An editor that ignores the lock may have written meanwhile, so only an empty file is removed.
     let is_empty = || file.metadata().is_ok_and(|it| it.len() == 0);
     if made.is_err() && text.is_empty() && is_empty() {
         drop(fs::remove_file(path));
     }
     if made.is_ok() && file.metadata().map_err(failed)?.nlink() == 0 {
-        let words = "it was replaced by another program meanwhile: say it again";
+        let words = "the file was replaced by another program meanwhile: repeat the command";
         return Err(failed(io::Error::other(words)));
     }
     made
 }
 
-/// Opens a file to add to, when nobody else does.
+/// Opens a file for appending, when no other writer has it.
 fn open_locked(path: &Path) -> io::Result<File> {
     loop {
         let file = File::options()
@@ -109,14 +112,14 @@ fn open_locked(path: &Path) -> io::Result<File> {
             .create(true)
             .open(path)?;
         file.lock()?;
-        // Whoever had it before may have taken it away again.
+        // The previous owner of the lock may have removed the file.
         if file.metadata()?.nlink() > 0 {
             return Ok(file);
         }
     }
 }
 
-/// Writes the file `path`, which must not be there; its folder is made.
+/// Writes the file `path`, which must not exist; creates its folder.
 pub(crate) fn write_new(path: &Path, content: &[u8]) -> Result<(), ExportError> {
     check_target(path, Existing::Refuse)?;
     if let Some(folder) = path.parent().filter(|it| !it.as_os_str().is_empty()) {
@@ -126,18 +129,18 @@ pub(crate) fn write_new(path: &Path, content: &[u8]) -> Result<(), ExportError> 
     written.map_err(|source| ExportError::io(path, "writing", source))
 }
 
-/// Makes the folder of the files.
+/// Creates the folder of the files.
 pub(crate) fn make_folder(path: &Path) -> Result<(), ExportError> {
     fs::create_dir_all(path).map_err(|source| ExportError::io(path, "making", source))
 }
 
-/// Refuses targets that are in the way: folders, and where nothing is to be replaced files that are there.
+/// Refuses folders, and existing files unless they are to be replaced.
 pub(crate) fn check_target(path: &Path, existing: Existing) -> Result<(), ExportError> {
     if path.is_dir() {
         let source = io::Error::from(io::ErrorKind::IsADirectory);
         return Err(ExportError::io(path, "writing", source));
     }
-    // A link that leads nowhere is there, too.
+    // A dangling link exists too.
     if existing == Existing::Refuse && path.symlink_metadata().is_ok() {
         return Err(ExportError::Exists {
             path: path.to_owned(),
@@ -146,19 +149,20 @@ pub(crate) fn check_target(path: &Path, existing: Existing) -> Result<(), Export
     Ok(())
 }
 
-/// Starts the file `path` under its temporary name, which goes unless it is finished.
+/// Starts the file `path` under its temporary name; it is removed unless finished.
 pub(crate) fn create(path: &Path) -> Result<Unfinished, ExportError> {
     let made = Unfinished::create(path);
     made.map_err(|source| ExportError::io(&temporary(path), "making", source))
 }
 
-/// Brings all of a file to the disk, still under its temporary name.
+/// Writes all of a file to the disk, still under its temporary name.
 pub(crate) fn complete(file: &mut Unfinished) -> Result<(), ExportError> {
     let synced = file.sync().and_then(|()| file.rest());
     synced.map_err(|source| ExportError::io(file.path(), "writing", source))
 }
 
-/// Gives a file its name; `named` have theirs already, which an error tells.
+/// Renames a file to its final name; an error lists the files in `named`, which are already
+/// renamed.
 pub(crate) fn name(file: Unfinished, named: &[PathBuf]) -> Result<(PathBuf, u64), ExportError> {
     let (path, bytes) = (file.path().to_owned(), file.taken());
     match file.finish() {
@@ -167,7 +171,7 @@ pub(crate) fn name(file: Unfinished, named: &[PathBuf]) -> Result<(PathBuf, u64)
         Err(source) => {
             let names: Vec<String> = named.iter().map(|it| it.display().to_string()).collect();
             let problem = format!(
-                "{source}; these are whole and have their names already: {}",
+                "{source}; these are complete and already renamed: {}",
                 names.join(", ")
             );
             let source = io::Error::new(source.kind(), problem);
@@ -181,7 +185,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_that_cannot_be_given_tells_which_were() {
+    fn a_failed_renaming_lists_the_renamed_files() {
         let folder = tempfile::tempdir().unwrap();
         let [one, other] = ["one", "other"].map(|name| folder.path().join(name));
         let files = [&one, &other].map(|path| {
@@ -190,7 +194,7 @@ mod tests {
             complete(&mut file).unwrap();
             file
         });
-        // Made after the targets were looked at.
+        // Created after the targets were checked.
         fs::create_dir(&other).unwrap();
         let [first, second] = files;
         assert_eq!(name(first, &[]).unwrap(), (one.clone(), 4));
@@ -202,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_another_export_has_begun_is_left_alone() {
+    fn a_file_of_another_running_export_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("one");
         let _first = create(&path).unwrap();
@@ -211,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_in_the_way_is_refused_even_where_files_are_replaced() {
+    fn a_folder_as_target_is_always_refused() {
         let folder = tempfile::tempdir().unwrap();
         for existing in [Existing::Refuse, Existing::Replace] {
             assert!(check_target(folder.path(), existing).is_err());

@@ -1,4 +1,4 @@
-//! A person who moves, for the tests of this crate: made by the body model, written as a run writes.
+//! A moving person for tests: created with the body model, written as by a run.
 
 use farfield_fusion::body::skeleton::dof::{DofGroup, first_of};
 use farfield_fusion::body::skeleton::{
@@ -12,9 +12,9 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 use crate::run::{PoseLine, Sample};
 use crate::skeleton::RestPose;
 
-/// Ticks per second of the run that is made up.
+/// Ticks per second of the synthetic run.
 pub(crate) const RUN_HZ: f64 = 60.0;
-/// Keypoints of it.
+/// Its keypoints.
 pub(crate) const KEYPOINTS: [&str; 3] = ["nose", "left_knee", "right_wrist"];
 
 /// Stature of a person, metres.
@@ -22,7 +22,7 @@ pub(crate) fn stature_m(person: u32) -> f64 {
     1.6 + 0.05 * f64::from(person % 8)
 }
 
-/// Somebody who walks, turns and swings arms and legs once a second.
+/// A person who walks, turns and swings arms and legs once per second.
 pub(crate) fn pose_at(person: u32, t: f64) -> Pose {
     let swing = libm::sin(std::f64::consts::TAU * t);
     let root_m = Vector3::new(t, f64::from(person), 0.9 + 0.02 * swing);
@@ -72,10 +72,10 @@ fn line(person: u32, tick: i64, t: f64) -> PoseLine {
 /// The same as a sample.
 pub(crate) fn sample_at(t: f64) -> Sample {
     let keypoints = KEYPOINTS.map(str::to_owned);
-    Sample::of(&line(1, 0, t), RestPose::TPose, &keypoints)
+    Sample::from_line(&line(1, 0, t), RestPose::TPose, &keypoints)
 }
 
-/// `line` as a run writes it, with its end.
+/// `line` as written by a run, including the line end.
 pub(crate) fn json(line: &PoseLine) -> String {
     let round = |v: f64, decimals: i32| (v * 10f64.powi(decimals)).round() / 10f64.powi(decimals);
     let point = |p: &Vector3<f64>| serde_json::json!([round(p.x, 5), round(p.y, 5), round(p.z, 5)]);
@@ -104,7 +104,7 @@ pub(crate) fn json(line: &PoseLine) -> String {
     format!("{value}\n")
 }
 
-/// `poses.jsonl` of these people, person 2 away between ticks 20 and 30.
+/// `poses.jsonl` of these people; person 2 is absent between ticks 20 and 30.
 pub(crate) fn poses_jsonl(people: &[u32], n_ticks: i64) -> String {
     let mut text = String::new();
     for tick in 0..n_ticks {
@@ -117,14 +117,14 @@ pub(crate) fn poses_jsonl(people: &[u32], n_ticks: i64) -> String {
     text
 }
 
-/// `summary.json` of them.
+/// `summary.json` of the run.
 pub(crate) fn summary_json(n_ticks: i64) -> String {
     format!(
         r#"{{"venue":"made-up","rate_hz":{RUN_HZ},"ticks":{{"first":0,"end":{n_ticks},"done":{n_ticks}}}}}"#
     )
 }
 
-/// A camera that stands in the field's corner and looks along the world's y.
+/// A camera in the field's corner that looks along the world's y.
 pub(crate) fn camera() -> CameraModel {
     let intrinsics = Intrinsics {
         fx_px: 900.0,

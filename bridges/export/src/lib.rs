@@ -1,21 +1,19 @@
-//! Poses of a run in the formats of other programs.
+//! Writes the poses of a run in the formats of other programs.
 //!
-//! [`export`](export()) is the whole of it: a run folder in, files out, whole or not at all. What it is made of:
+//! [`export`](export()) is the entry point: a run folder in, files out, completely or not at all.
 //!
-//! | module | what |
+//! | module | content |
 //! | --- | --- |
-//! | [`run`] | a run folder, read line by line |
-//! | [`edits`] | names and edits of its people: an undoable list beside it |
-//! | [`skeleton`] | the one export skeleton, which every animated format shares |
-//! | [`axes`] | the units and axes that programs expect |
-//! | [`timeline`] | other rates; gaps kept or filled |
-//! | [`formats`] | a writer per format, of bytes |
+//! | [`run`] | reads a run folder, line by line |
+//! | [`edits`] | names and edits of its people: an undoable list |
+//! | [`skeleton`] | the export skeleton of all animated formats |
+//! | [`axes`] | units and axes of programs |
+//! | [`timeline`] | resampling; gaps kept or filled |
+//! | [`formats`] | one writer per format |
 //!
 //! Equal runs and options give equal bytes.
 
 pub mod axes;
-mod called;
-mod choice;
 pub mod edits;
 mod edits_file;
 mod error;
@@ -23,6 +21,7 @@ mod export;
 mod files;
 pub mod formats;
 mod options;
+mod person_names;
 mod profile;
 pub mod run;
 pub mod skeleton;

@@ -1,4 +1,4 @@
-//! What an export is asked for.
+//! Options of an export.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -11,30 +11,30 @@ use crate::axes::Preset;
 use crate::skeleton::{BoneNames, RestPose};
 use crate::timeline::Gaps;
 
-/// A format of other programs.
+/// An export format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Format {
-    /// BVH, one file a person.
+    /// BVH, one file per person.
     Bvh,
-    /// glTF 2.0 in one binary file, all people.
+    /// glTF 2.0 as one binary file with all people.
     Glb,
-    /// glTF 2.0 as JSON with its data inside, all people.
+    /// glTF 2.0 as JSON with embedded data, all people.
     Gltf,
-    /// C3D, one file a person.
+    /// C3D, one file per person.
     C3d,
-    /// CSV with a column per number, one file a person.
+    /// CSV with one column per number, one file per person.
     Csv,
-    /// CSV with a row per point or angle, all people.
+    /// CSV with one row per point or angle, all people.
     CsvTidy,
-    /// Parquet with a column per number, all people.
+    /// Parquet with one column per number, all people.
     Parquet,
-    /// MCAP of Foxglove's messages, all people.
+    /// MCAP with Foxglove messages, all people.
     Mcap,
     /// A scaled `OpenSim` model per person.
     Osim,
-    /// TRC, one file a person: the markers of the model, as a run writes them.
+    /// TRC, one file per person: the markers of the model, as written by a run.
     Trc,
-    /// MOT, one file a person: the coordinates of the model, as a run writes them.
+    /// MOT, one file per person: the coordinates of the model, as written by a run.
     Mot,
 }
 
@@ -54,7 +54,7 @@ impl Format {
         ("mot", Self::Mot),
     ];
 
-    /// What files of everybody have where those of one person have the person's word, in small letters.
+    /// Words in names of shared files at the place of the person's name, in lower case.
     pub(crate) const TAKEN_WORDS: [&'static str; 1] = ["tidy"];
 
     /// Its name on the command line.
@@ -63,20 +63,20 @@ impl Format {
         found.map_or("", |(name, _)| *name)
     }
 
-    /// What a file is called: of one person, who is called `who`, or (`None`) of all.
-    pub(crate) fn file_name(self, who: &str) -> String {
+    /// Name of a file: of one person (`word` is the name or id), or shared by all people.
+    pub(crate) fn file_name(self, word: &str) -> String {
         match self {
-            Self::Bvh => format!("poses_{who}.bvh"),
+            Self::Bvh => format!("poses_{word}.bvh"),
             Self::Glb => "poses.glb".to_owned(),
             Self::Gltf => "poses.gltf".to_owned(),
-            Self::C3d => format!("poses_{who}.c3d"),
-            Self::Csv => format!("poses_{who}.csv"),
+            Self::C3d => format!("poses_{word}.c3d"),
+            Self::Csv => format!("poses_{word}.csv"),
             Self::CsvTidy => "poses_tidy.csv".to_owned(),
             Self::Parquet => "poses.parquet".to_owned(),
             Self::Mcap => "poses.mcap".to_owned(),
-            Self::Trc => format!("poses_{who}.trc"),
-            Self::Mot => format!("angles_{who}.mot"),
-            Self::Osim => format!("model_{who}.osim"),
+            Self::Trc => format!("poses_{word}.trc"),
+            Self::Mot => format!("angles_{word}.mot"),
+            Self::Osim => format!("model_{word}.osim"),
         }
     }
 
@@ -88,7 +88,7 @@ impl Format {
         )
     }
 
-    /// Whether it has a place for marks of what was filled.
+    /// Whether it can mark filled frames.
     const fn has_marks(self) -> bool {
         !matches!(self, Self::Bvh | Self::Trc | Self::Mot)
     }
@@ -98,20 +98,20 @@ impl FromStr for Format {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        // Who has Foxglove looks for its name.
+        // Users of Foxglove search for its name.
         let name = if name == "foxglove" { "mcap" } else { name };
-        crate::choice::named(name, &Self::ALL)
+        named(name, &Self::ALL)
     }
 }
 
-/// How long the bones of an animated skeleton are.
+/// Bone lengths of an animated skeleton.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Lengths {
-    /// Constant: what the run settled on. What retargeting expects.
+    /// Constant: the final lengths of the run, as retargeting requires.
     #[default]
     Settled,
-    /// As they were at each tick: bones have moving offsets, and joints are those of `poses.jsonl` while a run still
-    /// learns a body.
+    /// As at each tick: bone offsets move, and joints equal those of `poses.jsonl`, even while a
+    /// run still learns a body.
     Measured,
 }
 
@@ -125,42 +125,43 @@ impl FromStr for Lengths {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        crate::choice::named(name, &Self::ALL)
+        named(name, &Self::ALL)
     }
 }
 
-/// What to do with files that are there already.
+/// What to do with existing files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Existing {
-    /// Nothing is written.
+    /// Write nothing.
     #[default]
     Refuse,
-    /// They are replaced, when the new ones are whole.
+    /// Replace them when the new files are complete.
     Replace,
 }
 
 /// How poses are written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Who, by the ids that edits give; empty: everybody.
+    /// Selected people, by edited ids; empty for all.
     pub people: Vec<u32>,
-    /// What people are called in files and their names, whatever edits say; others are called as edits say, or by their id.
+    /// Names of people in files and file names, which override edits; others are named by edits or
+    /// by their id.
     pub called: BTreeMap<u32, String>,
-    /// Which ticks, the end not among them; `None`: the whole run.
+    /// Selected ticks, end exclusive; `None` for the whole run.
     pub ticks: Option<Range<i64>>,
-    /// Frames per second; `None`: the run's.
+    /// Frames per second; `None` for the run's rate.
     pub rate_hz: Option<f64>,
-    /// What becomes of ticks without a pose.
+    /// Treatment of ticks without a pose.
     pub gaps: Gaps,
     /// Longest gap that is filled, from pose to pose, seconds.
     pub longest_gap_s: f64,
-    /// How long bones are.
+    /// Bone lengths.
     pub lengths: Lengths,
-    /// How the skeleton rests.
+    /// Rest pose of the skeleton.
     pub rest: RestPose,
-    /// What its bones are called.
+    /// Names of the bones.
     pub names: BoneNames,
-    /// Whose units and axes; `None`: those of the format.
+    /// Units and axes of a program; `None` for those of the format.
     pub preset: Option<Preset>,
 }
 
@@ -182,7 +183,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Why `format` cannot be written so.
+    /// Why `format` cannot be written with these options.
     pub(crate) fn refusal(&self, format: Format) -> Option<String> {
         let marked = self.gaps == Gaps::Mark && !format.has_marks();
         marked.then(|| {
@@ -194,25 +195,37 @@ impl Options {
     }
 }
 
-/// An export of one run.
+/// Request to export one run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExportRequest {
     /// The poses: a run's `poses.jsonl`, or the smoothed ones.
     pub poses: PathBuf,
     /// The run's `summary.json`.
     pub summary: PathBuf,
-    /// Names and edits of the people; a file that is not there has none. `None`: poses as they are.
+    /// Names and edits of the people; the file need not exist. `None` for unedited poses.
     pub edits: Option<PathBuf>,
-    /// Profiles of people: whoever is called as one says has its lengths.
+    /// Profiles of people, applied by name.
     pub subjects: Vec<PathBuf>,
-    /// The cameras of the venue, where they are known, for formats that show them.
+    /// The cameras of the venue, if known, for formats that show them.
     pub cameras: Vec<CameraModel>,
-    /// Folder of the files; it is made where it is not there.
+    /// Output folder; created if it does not exist.
     pub out: PathBuf,
-    /// What is written.
+    /// The formats.
     pub formats: Vec<Format>,
-    /// How.
+    /// Options.
     pub options: Options,
-    /// What to do with files that are there already.
+    /// What to do with existing files.
     pub existing: Existing,
+}
+
+/// Finds the value with a name.
+///
+/// # Errors
+/// The list of valid names.
+pub(crate) fn named<T: Copy>(name: &str, all: &[(&'static str, T)]) -> Result<T, String> {
+    let found = all.iter().find(|(known, _)| *known == name);
+    found.map(|(_, value)| *value).ok_or_else(|| {
+        let known: Vec<&str> = all.iter().map(|(known, _)| *known).collect();
+        format!("`{name}` is not one of {}", known.join(", "))
+    })
 }

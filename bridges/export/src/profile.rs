@@ -1,4 +1,4 @@
-//! A person's body as a run came to know it, in a file of its own: for the next session.
+//! Profile of a person's body as measured in a run, stored in a file for the next session.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -14,22 +14,23 @@ use crate::formats::osim::stature_m;
 use crate::run::PersonSurvey;
 use crate::skeleton::Offsets;
 
-/// What is kept of a person.
+/// The profile of a person.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SubjectProfile {
-    /// What the person is called: by it exports know whose profile it is.
+    /// Name of the person; exports find the profile by it.
     pub name: String,
-    /// From the soles to the top of the head, of somebody who stands upright, metres.
+    /// From the soles to the top of the head when standing upright, metres.
     pub stature_m: f64,
-    /// Where each joint lies from its parent joint.
+    /// Offset of each joint from its parent joint.
     pub offsets: Offsets,
-    /// One standard deviation of each over the ticks of the run, per axis, metres: while a run learns a body lengths change.
+    /// One standard deviation of each offset over the ticks of the run, per axis, metres; lengths
+    /// change while a run learns a body.
     pub sigma_m: [f64; N_JOINTS],
 }
 
 impl SubjectProfile {
-    /// The profile of somebody of a run, who is called `name`.
-    pub fn of(survey: &PersonSurvey, name: &str) -> Self {
+    /// The profile of a person of a run, with the name `name`.
+    pub fn from_survey(survey: &PersonSurvey, name: &str) -> Self {
         Self {
             name: name.to_owned(),
             stature_m: stature_m(&survey.offsets),
@@ -38,10 +39,10 @@ impl SubjectProfile {
         }
     }
 
-    /// The profile of `text`, the content of `path`.
+    /// Parses `text`, the content of `path`.
     ///
     /// # Errors
-    /// The line and the field, what was found and expected.
+    /// Line and field, what was found and expected.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
         let read = subject::SubjectProfile::parse(text, path, &Joint::ends_of_links())?;
         let of_joint = |joint: Joint| read.links.get(joint.name());
@@ -57,7 +58,7 @@ impl SubjectProfile {
     /// Reads the file at `path`.
     ///
     /// # Errors
-    /// When it cannot be read, and as [`Self::parse`].
+    /// If it cannot be read; otherwise as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, ExportError> {
         Ok(Self::parse(&files::read_text(path)?, path)?)
     }
@@ -66,7 +67,7 @@ impl SubjectProfile {
     pub fn to_toml(&self) -> String {
         let name = serde_json::Value::from(self.name.as_str());
         let mut text = format!(
-            "# A body as a run came to know it. Metres; x forward, y left, z up of who stands upright with hanging arms.\n\
+            "# A body as measured in a run. Metres; x forward, y left, z up when standing upright with hanging arms.\n\
              name = {name}\nstature_m = {:.4}\n",
             self.stature_m
         );
@@ -76,7 +77,7 @@ impl SubjectProfile {
             };
             let offset_m = self.offsets.of_joint(joint);
             let [x, y, z] = offset_m.into();
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             write!(
                 text,
                 "\n[link.{}] # from {}\noffset_m = [{x:.5}, {y:.5}, {z:.5}]\nlength_m = {:.5}\nsigma_m = {:.5}\n",
@@ -90,10 +91,10 @@ impl SubjectProfile {
         text
     }
 
-    /// Writes the file `path`, which must not be there, whole or not at all.
+    /// Writes the file `path`, which must not exist, completely or not at all.
     ///
     /// # Errors
-    /// When it is there, or cannot be written; when it is no body that could be read again.
+    /// If it exists or cannot be written, or the profile could not be read back.
     pub fn write(&self, path: &Path) -> Result<(), ExportError> {
         let text = self.to_toml();
         Self::parse(&text, path)?;
@@ -108,7 +109,7 @@ mod tests {
     use super::*;
 
     fn profile() -> SubjectProfile {
-        let offsets = Offsets::of(&Proportions::from_stature(1.75));
+        let offsets = Offsets::from_proportions(&Proportions::from_stature(1.75));
         let rounded = offsets.0.map(|at| at.map(|v| (v * 1e5).round() / 1e5));
         SubjectProfile {
             name: "Anna \"A\" Ž".to_owned(),
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_reads_back_as_it_was_written() {
+    fn profiles_round_trip() {
         let text = profile().to_toml();
         let read = SubjectProfile::parse(&text, Path::new("anna.toml")).unwrap();
         assert_eq!(read, profile());
@@ -127,22 +128,25 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_body_is_refused_with_line_and_field() {
+    fn invalid_profiles_are_refused_with_line_and_field() {
         let text = profile().to_toml();
         let refused = |from: &str, to: &str| {
             let text = text.replacen(from, to, 1);
             let refused = SubjectProfile::parse(&text, Path::new("anna.toml"));
             refused.unwrap_err().to_string()
         };
-        let told = refused("[link.left_knee]", "[link.left_tail]");
-        assert!(told.contains("`link.left_tail`: found no joint"), "{told}");
-        let told = refused("length_m = ", "length = ");
-        assert!(told.contains("length"), "{told}");
-        let told = refused(
+        let error = refused("[link.left_knee]", "[link.left_tail]");
+        assert!(
+            error.contains("`link.left_tail`: found no joint"),
+            "{error}"
+        );
+        let error = refused("length_m = ", "length = ");
+        assert!(error.contains("length"), "{error}");
+        let error = refused(
             "[link.spine] # from pelvis\noffset_m = [",
             "[link.spine]\noffset_m = [9",
         );
-        assert!(told.contains("`link.spine.offset_m`: found"), "{told}");
+        assert!(error.contains("`link.spine.offset_m`: found"), "{error}");
         for (from, to, expected) in [
             (
                 "stature_m = 1.7500",
@@ -175,10 +179,10 @@ mod tests {
                 "`name`: found \"\\u{202e}Anna",
             ),
         ] {
-            let told = refused(from, to);
-            assert!(told.contains(expected), "{told}");
+            let error = refused(from, to);
+            assert!(error.contains(expected), "{error}");
         }
-        let told = refused("name = ", "name = \"\" # ");
-        assert!(told.contains("`name`: found none"), "{told}");
+        let error = refused("name = ", "name = \"\" # ");
+        assert!(error.contains("`name`: found none"), "{error}");
     }
 }

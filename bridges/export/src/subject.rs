@@ -1,48 +1,49 @@
-//! One person as every writer gets them.
+//! One person, as passed to every writer.
 
 use crate::options::Options;
 use crate::run::{PersonSurvey, Sample};
 use crate::skeleton::{Offsets, Rig};
 use crate::timeline::{Clock, Frame};
 
-/// A person who is exported.
+/// An exported person.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject<'a> {
     /// The id.
     pub id: u32,
-    /// What the person is called, as it was given.
+    /// Name of the person, as given.
     pub name: &'a str,
-    /// Who that is.
+    /// Survey of the person.
     pub survey: &'a PersonSurvey,
     /// Names of the keypoints.
     pub keypoints: &'a [String],
     /// The frames of the files.
     pub clock: Clock,
-    /// How files are written.
+    /// Options of the export.
     pub options: &'a Options,
 }
 
 impl Subject<'_> {
-    /// The skeleton at rest, of the lengths that the run settled on.
+    /// The skeleton at rest with the final lengths of the run.
     pub fn rig(&self) -> Rig {
         Rig::new(&self.survey.offsets, self.options.rest)
     }
 
-    /// The skeleton at rest, of the lengths of one moment.
+    /// The skeleton at rest with the lengths of one moment.
     pub fn rig_at(&self, offsets: &Offsets) -> Rig {
         Rig::new(offsets, self.options.rest)
     }
 }
 
-/// The poses of a format that cannot say that nobody is there: the last pose is held, and before the first the first.
+/// Frames of a format that cannot represent absence: holds the last pose; before the first pose,
+/// uses the first.
 #[derive(Debug, Default)]
-pub(crate) struct Held {
+pub(crate) struct HoldLast {
     last: Option<Sample>,
     waiting: u64,
 }
 
-impl Held {
-    /// Takes a frame; calls `each` once for every frame that is known by now.
+impl HoldLast {
+    /// Adds a frame; calls `each` for every frame that is known now.
     pub(crate) fn push<E>(
         &mut self,
         frame: &Frame,

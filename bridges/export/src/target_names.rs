@@ -1,24 +1,27 @@
-//! What the programs that read our files take as a name. One function for each rule; people may be called almost anything.
+//! Restrictions on names in the programs that read our files, one function per rule. People may
+//! have almost any name.
 //!
-//! | target | what it takes | by |
+//! | target | restriction | function |
 //! | --- | --- | --- |
-//! | file names | letters, digits, `-`, `_`; as many bytes as every disk takes | [`file_word`] |
-//! | OSIM, TRC, MOT | no blank, tab, line end, `\ / * +`; each marker once | `opensim_name`, `point_names` of `farfield_fusion` |
-//! | C3D | at most 127 bytes, as lengths are signed bytes; each label once | [`c3d_text`], [`c3d_labels`] |
+//! | file names | letters, digits, `-`, `_`; limited in bytes | [`file_word`] |
+//! | OSIM, TRC, MOT | no blank, tab, line end, `\ / * +`; unique markers | `opensim_name`, `point_names` of `farfield_fusion` |
+//! | C3D | at most 127 bytes, since lengths are signed bytes; unique labels | [`c3d_text`], [`c3d_labels`] |
 //! | CSV | any text, quoted by its writer | |
-//! | Parquet, glTF, MCAP | any text of UTF-8 | |
-//! | BVH | one word per bone; names of people are not in it | `BoneNames` |
+//! | Parquet, glTF, MCAP | any UTF-8 text | |
+//! | BVH | one word per bone; contains no names of people | `BoneNames` |
 
 use std::collections::BTreeSet;
 
-/// Most characters of a name that go into the name of a file, and most bytes: disks take 255, of which our own words, a
-/// number and the ending of an unfinished file need up to 60.
+/// Maximum characters and bytes of a name in a file name. File systems allow 255 bytes, of which
+/// our own words, a number and the temporary suffix need up to 60.
 const MOST_WORD_CHARACTERS: usize = 64;
 const MOST_WORD_BYTES: usize = 192;
-/// Longest name and text of a C3D file, bytes: their lengths are a byte, and some readers take it for signed.
+/// Maximum size of names and texts in a C3D file, bytes; lengths are one byte, which some readers
+/// treat as signed.
 pub(crate) const C3D_BYTES: usize = 127;
 
-/// `name` as a part of a file's name: what is no letter, digit, `-` or `_` becomes `_`.
+/// Converts `name` to a part of a file name: characters other than letters, digits, `-` and `_`
+/// become `_`.
 pub(crate) fn file_word(name: &str) -> String {
     let safe = |c: char| {
         if c.is_alphanumeric() || c == '-' {
@@ -31,12 +34,12 @@ pub(crate) fn file_word(name: &str) -> String {
     shortened(&word, MOST_WORD_BYTES).to_owned()
 }
 
-/// `text` as a C3D file has room for it.
+/// Truncates `text` for a C3D file.
 pub(crate) fn c3d_text(text: &str) -> &str {
     shortened(text, C3D_BYTES)
 }
 
-/// `labels` as a C3D file has room for them, each once: what would be there twice ends in a number.
+/// Truncates `labels` for a C3D file and makes them unique: duplicates end with a number.
 pub(crate) fn c3d_labels(labels: Vec<String>) -> Vec<String> {
     let mut taken = BTreeSet::new();
     let fitted = labels.into_iter().map(|label| {
@@ -53,7 +56,7 @@ pub(crate) fn c3d_labels(labels: Vec<String>) -> Vec<String> {
     fitted.collect()
 }
 
-/// The beginning of `text`, of whole characters and at most so many bytes.
+/// The beginning of `text` with whole characters and at most `most_bytes` bytes.
 fn shortened(text: &str, most_bytes: usize) -> &str {
     &text[..text.floor_char_boundary(most_bytes)]
 }

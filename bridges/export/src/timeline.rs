@@ -1,9 +1,11 @@
-//! The clock of exported files, and a person's poses on it: other rates, gaps kept or filled.
+//! The clock of exported files, and the resampling of a person's poses to it, with gaps kept or
+//! filled.
 //!
-//! Positions are in ticks of the run, as real numbers. At a higher rate poses in between are interpolated: positions
-//! linearly, rotations spherically. At a lower one what the new rate cannot show is filtered out first, by a sinc under
-//! a Hann window over three periods of the new rate to each side; towards the edge of what is there the window narrows.
-//! Gaps are filled first, tick by tick, so that nothing jumps at their edges.
+//! Positions are in ticks of the run, as real numbers. At a higher rate poses are interpolated:
+//! positions linearly, rotations spherically. At a lower rate they are low-pass filtered first, by
+//! a sinc under a Hann window over three periods of the new rate to each side; towards the ends of
+//! the data the window narrows. Gaps are filled first, tick by tick, so that nothing jumps at their
+//! edges.
 
 use std::collections::VecDeque;
 use std::f64::consts::PI;
@@ -14,18 +16,18 @@ use crate::skeleton::RestPose;
 
 /// Half the filter's width, in periods of the new rate.
 const LOBES: f64 = 3.0;
-/// Positions nearer than this are the same, ticks.
+/// Positions closer than this are equal, ticks.
 const SAME: f64 = 1e-6;
 
-/// What becomes of ticks at which a person has no pose, between two that have one.
+/// Treatment of ticks without a pose between two ticks with one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Gaps {
-    /// Nothing is invented: there is nothing, or where a format cannot say so the last pose is held.
+    /// Keep the gap; formats that cannot represent it hold the last pose.
     #[default]
     Keep,
-    /// They are interpolated.
+    /// Interpolate.
     Fill,
-    /// They are interpolated, and marked as such where the format has a place for it.
+    /// Interpolate, and mark the frames if the format allows it.
     Mark,
 }
 
@@ -42,7 +44,7 @@ impl FromStr for Gaps {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        crate::choice::named(name, &Self::ALL)
+        crate::options::named(name, &Self::ALL)
     }
 }
 
@@ -57,7 +59,7 @@ pub struct Clock {
     pub zero: i64,
     /// The tick of the first frame.
     pub first: i64,
-    /// The tick before which the last frame lies.
+    /// The tick after the last frame.
     pub end: i64,
 }
 
@@ -71,12 +73,12 @@ impl Clock {
         (ticks * self.rate_hz / self.run_hz + SAME).floor() as u64 + 1
     }
 
-    /// Number of ticks of the run that the frames are made of.
+    /// Number of ticks of the run that the frames cover.
     pub fn n_ticks(&self) -> u64 {
         u64::try_from(self.end - self.first).unwrap_or(0)
     }
 
-    /// Where frame `index` lies, ticks.
+    /// Position of frame `index`, ticks.
     pub fn position(&self, index: u64) -> f64 {
         self.first as f64 + index as f64 * self.run_hz / self.rate_hz
     }
@@ -86,7 +88,7 @@ impl Clock {
         (self.first - self.zero) as f64 / self.run_hz + index as f64 / self.rate_hz
     }
 
-    /// Half the width of the filter, ticks; 0 where none is needed.
+    /// Half the width of the filter, ticks; 0 if none is needed.
     fn half_width(&self) -> f64 {
         if self.rate_hz < self.run_hz * (1.0 - SAME) {
             LOBES * self.run_hz / self.rate_hz
@@ -96,7 +98,7 @@ impl Clock {
     }
 }
 
-/// Where the pose of a frame comes from.
+/// Origin of a frame's pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
     /// From poses of the run at or next to it.
@@ -110,15 +112,15 @@ pub enum Origin {
 pub struct Frame {
     /// Its number, from 0.
     pub index: u64,
-    /// Where it lies, ticks of the run.
+    /// Its position, ticks of the run.
     pub position: f64,
     /// Its time since the run's first tick, seconds.
     pub time_s: f64,
-    /// The pose, where there is one.
+    /// The pose, if any.
     pub pose: Option<(Sample, Origin)>,
 }
 
-/// Turns a person's poses, tick by tick, into frames.
+/// Converts a person's poses, tick by tick, to frames.
 #[derive(Debug)]
 pub struct Resampler {
     clock: Clock,
@@ -131,7 +133,8 @@ pub struct Resampler {
 }
 
 impl Resampler {
-    /// One that has seen nothing. Gaps that last longer than `longest_gap_s` from pose to pose, seconds, stay gaps.
+    /// A resampler without poses. Gaps longer than `longest_gap_s` from pose to pose, seconds, are
+    /// not filled.
     pub fn new(clock: Clock, gaps: Gaps, longest_gap_s: f64, rest: RestPose) -> Self {
         Self {
             clock,
@@ -144,10 +147,10 @@ impl Resampler {
         }
     }
 
-    /// Takes the pose of a later tick, and hands out the frames that nothing later can change.
+    /// Adds the pose of a later tick, and emits the frames that are final.
     ///
     /// # Errors
-    /// Those of `each`.
+    /// Errors of `each`.
     pub fn push<E>(
         &mut self,
         tick: i64,
@@ -184,10 +187,11 @@ impl Resampler {
         Ok(())
     }
 
-    /// Hands out the frames that no pose of `tick` or later can change, where none before it is to come any more.
+    /// Emits the frames that no pose of `tick` or later can change, if there are no more poses
+    /// before `tick`.
     ///
     /// # Errors
-    /// Those of `each`.
+    /// Errors of `each`.
     pub fn pass<E>(
         &mut self,
         tick: i64,
@@ -204,15 +208,15 @@ impl Resampler {
         Ok(())
     }
 
-    /// Whether a gap from a pose to one that is `apart` ticks later is filled.
+    /// Whether a gap between poses that are `apart` ticks apart is filled.
     fn is_filled(&self, apart: i64) -> bool {
         self.gaps != Gaps::Keep && (apart as f64 - SAME) / self.clock.run_hz <= self.longest_gap_s
     }
 
-    /// Hands out the frames that are left.
+    /// Emits the remaining frames.
     ///
     /// # Errors
-    /// Those of `each`.
+    /// Errors of `each`.
     pub fn finish<E>(mut self, mut each: impl FnMut(Frame) -> Result<(), E>) -> Result<(), E> {
         while self.next < self.n_frames {
             each(self.take())?;
@@ -220,14 +224,14 @@ impl Resampler {
         Ok(())
     }
 
-    /// Hands out the next frame, of what is known by now.
+    /// Emits the next frame from the current data.
     pub(crate) fn take(&mut self) -> Frame {
         let index = self.next;
         let position = self.clock.position(index);
         self.next += 1;
         let pose = self.pose_at(position);
         let oldest = position - self.clock.half_width() - 1.0;
-        // The last before the next frame is what a gap is filled from.
+        // A gap is filled from the last pose before the next frame, so it is kept.
         while self
             .samples
             .get(1)
@@ -256,7 +260,7 @@ impl Resampler {
         if share <= SAME {
             return Some((before.clone(), *origin));
         }
-        // What was to be filled is there.
+        // Gaps to be filled are already filled.
         let (_, next, later) = self
             .samples
             .get(after)
@@ -270,8 +274,8 @@ impl Resampler {
         })
     }
 
-    /// The pose at `position` without what the new rate cannot show; `None` where no filter is needed or too little lies
-    /// on one of its sides. Sample `i` is the last before it.
+    /// The filtered pose at `position`; `None` if no filter is needed or one side has too little
+    /// data. Sample `i` is the last one before it.
     fn filtered(&self, position: f64, i: usize) -> Option<(Sample, Origin)> {
         let half = self.clock.half_width();
         if half <= 0.0 {
@@ -291,7 +295,7 @@ impl Resampler {
         {
             last += 1;
         }
-        // As far to one side as to the other: else what moves evenly would be drawn to the fuller side.
+        // Symmetric, since otherwise uniform motion would be shifted to the side with more data.
         let reach = (position - tick_of(first) as f64).min(tick_of(last) as f64 - position) + 1.0;
         let width = half.min(reach);
         if width <= 1.0 + SAME {

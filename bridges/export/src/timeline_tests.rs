@@ -1,4 +1,4 @@
-//! Poses on other clocks.
+//! Tests of resampling.
 
 use farfield_proto::message::PersonState;
 
@@ -15,7 +15,7 @@ fn clock(rate_hz: f64, end: i64) -> Clock {
     }
 }
 
-/// Frames of a person who is there at `ticks`.
+/// Frames of a person who is present at `ticks`.
 fn frames(
     clock: Clock,
     gaps: Gaps,
@@ -42,7 +42,7 @@ fn pose(frame: &Frame) -> &Sample {
     &frame.pose.as_ref().unwrap().0
 }
 
-/// Greatest distance between joints of two samples, metres.
+/// Largest distance between joints of two samples, metres.
 fn apart_m(a: &Sample, b: &Sample) -> f64 {
     let (a, b) = (a.joints_m(RestPose::TPose), b.joints_m(RestPose::TPose));
     a.iter()
@@ -52,24 +52,25 @@ fn apart_m(a: &Sample, b: &Sample) -> f64 {
 }
 
 #[test]
-fn at_the_runs_own_rate_poses_are_what_they_were() {
+fn at_the_original_rate_poses_are_unchanged() {
     for frame in frames(clock(RUN_HZ, 90), Gaps::Keep, 0..90, sample_at) {
         assert_eq!(pose(&frame), &sample_at(frame.time_s));
     }
 }
 
 #[test]
-fn at_twice_the_rate_poses_lie_on_the_motion() {
+fn at_twice_the_rate_poses_are_interpolated() {
     let frames = frames(clock(2.0 * RUN_HZ, 60), Gaps::Keep, 0..60, sample_at);
     assert_eq!(frames.len(), 119);
     for frame in &frames {
-        // A swing of 0.7 rad at 1 Hz between samples of 60 Hz: (2 pi)^2 0.7 / 8 / 60^2 rad, on a metre.
+        // A swing of 0.7 rad at 1 Hz between samples at 60 Hz: (2 pi)^2 0.7 / 8 / 60^2 rad, at one
+        // metre.
         assert!(apart_m(pose(frame), &sample_at(frame.time_s)) < 2e-3);
     }
 }
 
 #[test]
-fn at_half_the_rate_slow_motion_stays_and_fast_trembling_goes() {
+fn at_half_the_rate_high_frequencies_are_removed() {
     let trembling = |t: f64| {
         let mut sample = sample_at(t);
         sample.motion.root_m.z += 0.05 * libm::cos(2.0 * PI * 25.0 * t);
@@ -77,7 +78,7 @@ fn at_half_the_rate_slow_motion_stays_and_fast_trembling_goes() {
     };
     let frames = frames(clock(RUN_HZ / 2.0, 240), Gaps::Keep, 0..240, trembling);
     assert_eq!(frames.len(), 120);
-    // Where the filter is whole.
+    // Where the filter is complete.
     for frame in &frames[6..114] {
         let apart_m = apart_m(pose(frame), &sample_at(frame.time_s));
         assert!(apart_m < 6e-3, "{apart_m}");
@@ -85,7 +86,7 @@ fn at_half_the_rate_slow_motion_stays_and_fast_trembling_goes() {
 }
 
 #[test]
-fn a_person_who_walks_evenly_is_not_shifted_at_the_ends() {
+fn uniform_motion_is_not_shifted_at_the_ends() {
     let walking = |t: f64| {
         let mut sample = sample_at(0.0);
         sample.motion.root_m.x += 2.0 * t;
@@ -101,16 +102,16 @@ fn a_person_who_walks_evenly_is_not_shifted_at_the_ends() {
 }
 
 #[test]
-fn gaps_are_kept_or_filled_as_asked() {
-    let there = || (0..30).chain(40..60);
-    let kept = frames(clock(RUN_HZ, 60), Gaps::Keep, there(), sample_at);
-    let absent: Vec<u64> = kept
+fn gaps_are_kept_or_filled_as_requested() {
+    let present = || (0..30).chain(40..60);
+    let unfilled = frames(clock(RUN_HZ, 60), Gaps::Keep, present(), sample_at);
+    let absent: Vec<u64> = unfilled
         .iter()
         .filter(|f| f.pose.is_none())
         .map(|f| f.index)
         .collect();
     assert_eq!(absent, (30..40).collect::<Vec<u64>>());
-    let filled = frames(clock(RUN_HZ, 60), Gaps::Mark, there(), sample_at);
+    let filled = frames(clock(RUN_HZ, 60), Gaps::Mark, present(), sample_at);
     for frame in &filled {
         let (sample, origin) = frame.pose.as_ref().unwrap();
         assert_eq!(*origin == Origin::Filled, (30..40).contains(&frame.index));
@@ -119,9 +120,9 @@ fn gaps_are_kept_or_filled_as_asked() {
 }
 
 #[test]
-fn what_is_filled_does_not_claim_to_be_measured() {
-    let there = || (0..30).chain(40..60);
-    for frame in frames(clock(2.0 * RUN_HZ, 60), Gaps::Fill, there(), sample_at) {
+fn filled_poses_are_not_marked_as_measured() {
+    let present = || (0..30).chain(40..60);
+    for frame in frames(clock(2.0 * RUN_HZ, 60), Gaps::Fill, present(), sample_at) {
         let (sample, origin) = frame.pose.as_ref().unwrap();
         let is_measured = sample.sigma_m.is_some() && sample.views == 4;
         assert_eq!(is_measured, *origin == Origin::Seen, "{}", frame.index);
@@ -134,25 +135,25 @@ fn what_is_filled_does_not_claim_to_be_measured() {
 }
 
 #[test]
-fn gaps_beyond_the_longest_stay_gaps() {
-    // From pose to pose 60 ticks are a second.
+fn longer_gaps_are_not_filled() {
+    // From pose to pose, 60 ticks are one second.
     for (later, n_absent) in [(89, 0), (90, 60)] {
-        let there = (0..30).chain(later..100);
-        let filled = frames(clock(RUN_HZ, 100), Gaps::Fill, there, sample_at);
+        let present = (0..30).chain(later..100);
+        let filled = frames(clock(RUN_HZ, 100), Gaps::Fill, present, sample_at);
         let absent = filled.iter().filter(|frame| frame.pose.is_none());
         assert_eq!(absent.count(), n_absent);
     }
 }
 
 #[test]
-fn at_a_lower_rate_nothing_jumps_at_the_edges_of_what_was_filled() {
+fn at_a_lower_rate_filled_gaps_have_smooth_edges() {
     let walking = |t: f64| {
         let mut sample = sample_at(0.0);
         sample.motion.root_m.x += 2.0 * t;
         sample
     };
-    let there = (0..40).chain(55..120);
-    let filled = frames(clock(RUN_HZ / 3.0, 120), Gaps::Fill, there, walking);
+    let present = (0..40).chain(55..120);
+    let filled = frames(clock(RUN_HZ / 3.0, 120), Gaps::Fill, present, walking);
     for frame in &filled {
         let apart_m = apart_m(pose(frame), &walking(frame.time_s));
         assert!(apart_m < 1e-3, "{} {apart_m}", frame.index);
@@ -165,7 +166,7 @@ fn at_a_lower_rate_nothing_jumps_at_the_edges_of_what_was_filled() {
 }
 
 #[test]
-fn an_angle_that_is_unobserved_stays_so_between_ticks() {
+fn unobserved_angles_stay_unobserved_between_ticks() {
     let unobserved = |t: f64| Sample {
         unobserved: if t < 0.5 { 0b100 } else { 0 },
         ..sample_at(t)
@@ -181,20 +182,20 @@ fn an_angle_that_is_unobserved_stays_so_between_ticks() {
 }
 
 #[test]
-fn nobody_is_there_before_the_first_and_after_the_last_pose() {
+fn there_are_no_poses_before_the_first_and_after_the_last() {
     for gaps in [Gaps::Keep, Gaps::Fill] {
         let frames = frames(clock(RUN_HZ, 60), gaps, 10..50, sample_at);
-        let there: Vec<u64> = frames
+        let present: Vec<u64> = frames
             .iter()
             .filter(|f| f.pose.is_some())
             .map(|f| f.index)
             .collect();
-        assert_eq!(there, (10..50).collect::<Vec<u64>>());
+        assert_eq!(present, (10..50).collect::<Vec<u64>>());
     }
 }
 
 #[test]
-fn time_counts_from_the_runs_first_tick() {
+fn time_starts_at_the_first_tick_of_the_run() {
     let clock = Clock {
         run_hz: 50.0,
         rate_hz: 25.0,

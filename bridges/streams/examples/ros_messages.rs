@@ -1,4 +1,5 @@
-//! Prints ROS 2 messages of made-up people as hexadecimal bytes, with what is in them, for `tests/readers/ros.py`.
+//! Prints ROS 2 messages of synthetic people as hexadecimal bytes with their expected content, for
+//! `tests/readers/ros.py`.
 
 use std::fmt::Write as _;
 
@@ -31,11 +32,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 .to_vec()
         })
         .collect();
-    let said = serde_json::json!({
+    let output = serde_json::json!({
         "tf": hex(&tf_message(&frame, stamp))?, "markers": hex(&marker_array(&frame, stamp))?,
         "tf_type": TF_TYPE, "markers_type": MARKERS_TYPE, "secs": stamp.secs, "nanos": stamp.nanos,
         "joints": names.as_slice(), "joints_m": joints, "names": frame.persons.iter().map(|p| &*p.name).collect::<Vec<_>>(),
     });
-    println!("{said}");
+    println!("{output}");
     Ok(())
 }

@@ -1,11 +1,11 @@
-//! Streams people who walk in circles, so that receivers can be tried without cameras:
+//! Streams people who walk in circles, to try receivers without cameras:
 //!
 //! ```text
 //! cargo run -p farfield-streams --example synthetic -- [--people 8] [--seconds 20] [--truth FILE] qtm vmc=127.0.0.1:39539
 //! ```
 //!
-//! `--truth` writes where everybody is at every tick of the motion's period, and when tick 0 was sent, for
-//! `tests/readers/streams.py`.
+//! `--truth` writes the poses of all people at every tick of the motion's period, and the time of
+//! tick 0, for `tests/readers/streams.py`.
 
 use std::error::Error;
 use std::fs;
@@ -16,7 +16,7 @@ use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint};
 use farfield_streams::{StreamSpec, Streams, synthetic};
 use tokio::time::{Instant, sleep_until};
 
-/// Time between the start and tick 0: the truth must be on disk.
+/// Time between the start and tick 0, so that the truth is written first.
 const LEAD: Duration = Duration::from_millis(500);
 
 struct Arguments {
@@ -46,7 +46,7 @@ fn arguments() -> Result<Arguments, Box<dyn Error>> {
     Ok(read)
 }
 
-/// What everybody does in one period, and when it begins (seconds since 1970).
+/// The poses of all people in one period, and its start (seconds since 1970).
 fn truth(people: u32, start_s: f64) -> serde_json::Value {
     let tick = |tick: i64| {
         let persons = synthetic::poses_at(people, tick).persons.into_iter();
@@ -76,7 +76,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
         )?;
         fs::rename(whole, path)?;
     }
-    // Time 0 of the streams is that of their first frame, which nothing may replace.
+    // Time 0 of the streams is that of their first frame, which must not be replaced.
     streams.poses(synthetic::poses_at(given.people, 0));
     let mut tick = 0;
     while (tick as f64) < given.seconds * synthetic::RATE_HZ {

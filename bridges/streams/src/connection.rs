@@ -1,4 +1,4 @@
-//! One client's WebSocket: how it begins, what may come in, how messages go out.
+//! One client's WebSocket: handshake, incoming limits, sending.
 
 use std::io;
 use std::net::IpAddr;
@@ -20,52 +20,54 @@ use futures_util::{SinkExt as _, StreamExt as _};
 
 use crate::server::{BREATH, STALL};
 
-/// How long a client may take to say what it wants.
+/// Maximum time for the handshake.
 const HANDSHAKE: Duration = Duration::from_secs(5);
-/// The head in which protocols above WebSocket are agreed on.
+/// Header that negotiates protocols above WebSocket.
 const PROTOCOL: &str = "sec-websocket-protocol";
 
-/// Most bytes that wait for the system to take them: one message of a crowd. A message is only taken when the one before
-/// has gone.
+/// Maximum number of bytes waiting to be sent: one message of a crowd. A message is only accepted
+/// when the previous one is sent.
 const MAX_WAITING: usize = 4 * 1024 * 1024;
 
-/// How a stream meets its clients.
+/// Rules for accepting clients.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Etiquette {
-    /// Most bytes of a message that a client may send.
+pub(crate) struct ConnectionRules {
+    /// Maximum size of a client's message, bytes.
     pub(crate) max_incoming: usize,
-    /// Of these names of protocols above WebSocket the first that a client offers is agreed on; empty: none is asked for.
+    /// Accepted protocols above WebSocket; the first one that the client offers is used. Empty:
+    /// none required.
     pub(crate) protocols: &'static [&'static str],
-    /// Pages of other machines that are let in.
+    /// Origins of other machines that are accepted.
     pub(crate) origins: &'static [&'static str],
 }
 
-/// What a client sent.
+/// A received message.
 pub(crate) enum Received {
     /// A text.
     Text(Utf8Bytes),
-    /// Something that is not looked at.
-    Something,
-    /// It leaves.
-    Goodbye,
+    /// Another message, which is ignored.
+    Other,
+    /// The client closed the connection.
+    Closed,
 }
 
-/// A client that was let in.
+/// An accepted client.
 pub(crate) struct Connection(WebSocketStream<TcpStream>);
 
-/// Lets a client in, unless another machine's page asks, or one that speaks none of the protocols.
+/// Accepts a client, unless the request comes from another machine's page or offers no supported
+/// protocol.
 pub(crate) async fn accept_connection(
     socket: TcpStream,
-    etiquette: Etiquette,
+    rules: ConnectionRules,
 ) -> io::Result<Connection> {
     let config = WebSocketConfig::default()
-        .max_message_size(Some(etiquette.max_incoming))
-        .max_frame_size(Some(etiquette.max_incoming))
-        .read_buffer_size(etiquette.max_incoming)
+        .max_message_size(Some(rules.max_incoming))
+        .max_frame_size(Some(rules.max_incoming))
+        .read_buffer_size(rules.max_incoming)
         .max_write_buffer_size(MAX_WAITING);
-    let check = Check(etiquette);
+    let check = Check(rules);
     socket.set_nodelay(true)?;
-    // Who has gone without a word is let go of, also where nothing is said to him.
+    // Detects clients that disappeared, even if nothing is sent to them.
     let keepalive = TcpKeepalive::new()
         .with_time(Duration::from_secs(30))
         .with_interval(Duration::from_secs(10));
@@ -75,13 +77,13 @@ pub(crate) async fn accept_connection(
         Ok(accepted) => accepted.map(Connection).map_err(as_io),
         Err(_) => Err(io::Error::new(
             io::ErrorKind::TimedOut,
-            "did not ask within five seconds",
+            "did not send a request within five seconds",
         )),
     }
 }
 
-/// Looks at what a client asks for.
-struct Check(Etiquette);
+/// Checks the handshake request.
+struct Check(ConnectionRules);
 
 impl Callback for Check {
     fn on_request(
@@ -89,26 +91,26 @@ impl Callback for Check {
         request: &Request,
         mut response: Response,
     ) -> Result<Response, ErrorResponse> {
-        let Self(etiquette) = self;
+        let Self(rules) = self;
         if let Some(origin) = request.headers().get("origin") {
-            let is_let_in =
-                |origin: &str| is_of_this_machine(origin) || etiquette.origins.contains(&origin);
-            if !origin.to_str().is_ok_and(is_let_in) {
-                let why = "found a page of another machine, expected one of this";
+            let is_accepted =
+                |origin: &str| is_of_this_machine(origin) || rules.origins.contains(&origin);
+            if !origin.to_str().is_ok_and(is_accepted) {
+                let why = "found a page of another machine, expected one of this machine";
                 return Err(refusal(StatusCode::FORBIDDEN, why.to_owned()));
             }
         }
-        if !etiquette.protocols.is_empty() {
+        if !rules.protocols.is_empty() {
             let offered = request.headers().get_all(PROTOCOL);
             let offered = offered.iter().filter_map(|value| value.to_str().ok());
             let offered = offered.flat_map(|value| value.split(',').map(str::trim));
             let agreed = offered
                 .into_iter()
-                .find(|name| etiquette.protocols.contains(name));
+                .find(|name| rules.protocols.contains(name));
             let Some(agreed) = agreed.and_then(|name| HeaderValue::from_str(name).ok()) else {
                 let why = format!(
                     "expected one of the protocols {}",
-                    etiquette.protocols.join(", ")
+                    rules.protocols.join(", ")
                 );
                 return Err(refusal(StatusCode::BAD_REQUEST, why));
             };
@@ -126,7 +128,7 @@ fn refusal(status: StatusCode, why: String) -> ErrorResponse {
 
 /// Whether a page comes from this machine: `http://localhost:3000`, `http://127.0.0.1`, or a file.
 fn is_of_this_machine(origin: &str) -> bool {
-    // Pages that are files have no other origin. So have pages in a sandbox, of anybody: these are refused.
+    // Pages from files send `file://`. Sandboxed pages of any site send `null` and are refused.
     let Some((_, rest)) = origin.split_once("://") else {
         return false;
     };
@@ -142,21 +144,22 @@ fn is_of_this_machine(origin: &str) -> bool {
 }
 
 impl Connection {
-    /// Waits for something to come in. May be cancelled.
+    /// Waits for a message. Cancel safe.
     pub(crate) async fn receive(&mut self) -> io::Result<Received> {
         match self.0.next().await {
-            // The last two: a browser's tab that was closed.
+            // The last two occur when a browser tab is closed.
             None
             | Some(Ok(Message::Close(_)) | Err(Error::ConnectionClosed | Error::Protocol(_))) => {
-                Ok(Received::Goodbye)
+                Ok(Received::Closed)
             }
             Some(Ok(Message::Text(text))) => Ok(Received::Text(text)),
-            Some(Ok(_)) => Ok(Received::Something),
+            Some(Ok(_)) => Ok(Received::Other),
             Some(Err(error)) => Err(as_io(error)),
         }
     }
 
-    /// Sends messages, to the last byte, unless the client takes none for [`STALL`] or the streams stop.
+    /// Sends all messages completely, unless the client accepts none for [`STALL`] or the streams
+    /// stop.
     pub(crate) async fn send(
         &mut self,
         messages: impl IntoIterator<Item = Message>,
@@ -173,12 +176,12 @@ impl Connection {
             () = stop.cancelled() => Err(io::ErrorKind::Interrupted.into()),
             sent = timeout(STALL, sending) => match sent {
                 Ok(sent) => sent.map_err(as_io),
-                Err(_) => Err(io::Error::new(io::ErrorKind::TimedOut, "took nothing for ten seconds")),
+                Err(_) => Err(io::Error::new(io::ErrorKind::TimedOut, "accepted nothing for ten seconds")),
             },
         }
     }
 
-    /// Says goodbye; a client that hangs does not hear it.
+    /// Sends a close frame, with a short time limit.
     pub(crate) async fn close(&mut self) {
         drop(timeout(BREATH, self.0.close(None)).await);
     }

@@ -1,7 +1,7 @@
-//! What every stream draws from: the persons of one tick, with joints, angles and the export skeleton's pose.
+//! Input of all streams: the people of one tick with joints, angles and the export skeleton's pose.
 //!
-//! [`FrameMaker`] makes a [`Frame`] of each [`PoseSet`] that fusion publishes. It keeps what protocols need beyond a tick:
-//! how fast people go, and the [`Roster`] of who is there or was a moment ago.
+//! [`FrameMaker`] creates a [`Frame`] from each [`PoseSet`] of fusion. It also tracks state beyond
+//! a tick: velocities, and the [`Roster`] of present and recently lost people.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -15,79 +15,83 @@ use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
 use nalgebra::Vector3;
 
-use crate::people::names::tell_apart;
+use crate::people::make_unique;
 
-/// How long who has gone stays in the roster, seconds: who is lost for a while keeps label, skeleton and port.
+/// Time for which a missing person stays in the roster, seconds, so that it keeps label, skeleton
+/// and port.
 const ROSTER_S: f64 = 10.0;
-/// Over how long speeds are measured, seconds: a difference of single ticks is mostly the noise of the pose.
+/// Time over which velocities are measured, seconds; differences of single ticks are mostly noise.
 const SPEED_S: f64 = 0.1;
-/// How the export skeleton rests in all streams.
+/// Rest pose of the export skeleton in all streams.
 pub const REST: RestPose = RestPose::TPose;
 
-/// What streams say about where poses come from.
+/// Facts about the source of the poses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VenueFacts {
     /// Name of the venue.
     pub venue: String,
     /// Ticks per second.
     pub rate_hz: f64,
-    /// What persons are called; who is not in it is `person_<id>`, and who is called like another has the id besides.
+    /// Names of people; a person without a name is `person_<id>`, and equal names get the id
+    /// appended.
     pub names: BTreeMap<PersonId, String>,
     /// The venue's cameras, for streams that show them.
     pub cameras: Vec<CameraModel>,
 }
 
-/// The persons of one tick.
+/// The people of one tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Name of the venue.
     pub venue: Arc<str>,
     /// Ticks per second.
     pub rate_hz: f64,
-    /// The session whose person ids are meant.
+    /// The session to which the person ids belong.
     pub session: SessionId,
     /// The tick.
     pub tick: Tick,
-    /// Time of the tick since the first that was streamed, seconds; it begins again with a session.
+    /// Time of the tick since the first streamed one, seconds; restarts with a session.
     pub elapsed_s: f64,
-    /// Everybody, by id, tentative ones among them.
+    /// All people by id, including tentative ones.
     pub persons: Vec<PersonFrame>,
-    /// Who is there or was within the last ten seconds.
+    /// People seen within the last ten seconds.
     pub roster: Arc<Roster>,
 }
 
 /// One person at one tick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PersonFrame {
-    /// Who.
+    /// The id.
     pub id: PersonId,
-    /// What the person is called.
+    /// The name.
     pub name: Arc<str>,
     /// Phase of the track.
     pub state: PersonState,
-    /// Viewpoints that gave evidence.
+    /// Number of viewpoints with evidence.
     pub views: u16,
     /// The 29 joints in the world, metres, by [`Joint::index`].
     pub joints_m: [Vector3<f64>; N_JOINTS],
-    /// One standard deviation of each joint per axis, metres; `None` while it is not known.
+    /// One standard deviation of each joint per axis, metres; `None` if unknown.
     pub sigma_m: Option<[f64; N_JOINTS]>,
-    /// The 40 reported angles, radians (root translations: metres).
+    /// The 40 reported angles, radians (metres for root translations).
     pub angles: Angles,
-    /// Bit i: only a prior tells angle i.
+    /// Bit i: angle i comes from a prior only.
     pub unobserved: u64,
-    /// How the pelvis moves in the world, metres per second, over the last tenth of a second; zero at first.
+    /// Velocity of the pelvis in the world, metres per second, over the last tenth of a second;
+    /// initially zero.
     pub velocity_m_s: Vector3<f64>,
-    /// The export skeleton's pose, against its T-pose.
+    /// The export skeleton's pose relative to its T-pose.
     pub motion: Motion,
-    /// The export skeleton at rest, of the lengths of this tick: [`Motion::heads_m`] gives the joints again.
+    /// The export skeleton at rest, with the lengths of this tick; [`Motion::heads_m`] gives the
+    /// joints.
     pub rig: Rig,
 }
 
-/// Who is there, or was within the last ten seconds, in the order in which they came. Streams that number people, label
-/// them or give them a port do it by this list.
+/// People seen within the last ten seconds, in order of arrival. Streams assign numbers, labels and
+/// ports by this list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Roster {
-    /// Another number for another list of people.
+    /// Changes whenever the list changes.
     pub version: u64,
     /// The people.
     pub people: Vec<RosterEntry>,
@@ -96,30 +100,30 @@ pub struct Roster {
 /// A person of the roster.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RosterEntry {
-    /// Who.
+    /// The id.
     pub id: PersonId,
-    /// What the person is called.
+    /// The name.
     pub name: Arc<str>,
-    /// The body as it was measured when the person came.
+    /// Body measures at the person's arrival.
     pub offsets: Offsets,
 }
 
 impl Roster {
-    /// The people's ids, in order.
+    /// The ids, in order.
     pub fn ids(&self) -> impl Iterator<Item = PersonId> + Clone {
         self.people.iter().map(|entry| entry.id)
     }
 }
 
 impl Frame {
-    /// Everybody who is confirmed, by id.
+    /// All confirmed people, by id.
     pub fn confirmed(&self) -> impl Iterator<Item = &PersonFrame> {
         self.persons
             .iter()
             .filter(|person| person.state != PersonState::Tentative)
     }
 
-    /// The confirmed person of that id.
+    /// The confirmed person with this id.
     pub fn find(&self, id: PersonId) -> Option<&PersonFrame> {
         self.confirmed().find(|person| person.id == id)
     }
@@ -130,7 +134,7 @@ impl Frame {
     }
 }
 
-/// Makes frames of what fusion publishes.
+/// Creates frames from fusion's poses.
 #[derive(Debug)]
 pub struct FrameMaker {
     facts: VenueFacts,
@@ -145,9 +149,9 @@ pub struct FrameMaker {
 }
 
 impl FrameMaker {
-    /// One that has seen no pose yet.
+    /// A maker without any poses yet.
     pub fn new(mut facts: VenueFacts) -> Self {
-        tell_apart(&mut facts.names);
+        make_unique(&mut facts.names);
         Self {
             venue: facts.venue.as_str().into(),
             facts,
@@ -164,38 +168,38 @@ impl FrameMaker {
         }
     }
 
-    /// From now on the ids of poses are whom the edits (`people`) say: merged, split or left out; and people are called so, with
-    /// the id besides where that would be another's name too; who has no name is `person_<id>`. Who is nobody any more leaves the
-    /// roster at once.
+    /// Applies edits from now on: `people` merges, splits, drops and names people. Names that are
+    /// not unique get the id appended; a person without a name is `person_<id>`. Removed ids leave
+    /// the roster immediately.
     pub fn edit(&mut self, people: Identities) {
         let names = people.names().iter();
         let mut names: BTreeMap<PersonId, String> = names
             .map(|(id, name)| (PersonId(*id), name.clone()))
             .collect();
-        tell_apart(&mut names);
+        make_unique(&mut names);
         self.facts.names = names;
         self.seen.retain(|id, _| people.is_there(id.0));
         self.tracks.retain(|id, _| people.is_there(id.0));
         self.people = people;
     }
 
-    /// How many poses had not the numbers of the model, or some that are none, and were left out.
+    /// Number of poses dropped for a wrong number of values, or values that are not finite.
     pub fn unreadable(&self) -> u64 {
         self.unreadable
     }
 
-    /// The frame of these poses.
+    /// Creates the frame of these poses.
     pub fn frame(&mut self, poses: &PoseSet) -> Frame {
         let first = self.first_tick(poses);
         let mut persons = Vec::with_capacity(poses.persons.len());
-        for (id, pose) in self.whole_people(poses) {
+        for (id, pose) in self.people_by_id(poses) {
             match self.person(poses.tick, id, pose) {
                 Some(person) => persons.push(person),
                 None => self.unreadable += 1,
             }
         }
-        self.forget(poses.tick);
-        self.call_the_roll(poses.tick, &persons);
+        self.drop_old(poses.tick);
+        self.update_roster(poses.tick, &persons);
         Frame {
             venue: Arc::clone(&self.venue),
             rate_hz: self.facts.rate_hz,
@@ -207,8 +211,8 @@ impl FrameMaker {
         }
     }
 
-    /// The poses by whom they are of, by id. Of two that are one person's at a tick the one counts that is better seen.
-    fn whole_people<'a>(&self, poses: &'a PoseSet) -> BTreeMap<PersonId, &'a PersonPose> {
+    /// The poses by edited id. If a tick has two poses of one person, the better seen one is used.
+    fn people_by_id<'a>(&self, poses: &'a PoseSet) -> BTreeMap<PersonId, &'a PersonPose> {
         let better = |pose: &PersonPose| {
             let state = match pose.state {
                 PersonState::Tracked => 2,
@@ -231,7 +235,7 @@ impl FrameMaker {
         people
     }
 
-    /// The tick of time 0. Another session, or a tick before the last, begins anew.
+    /// The tick of time 0. Another session, or a tick before the last one, restarts the time.
     fn first_tick(&mut self, poses: &PoseSet) -> Tick {
         let goes_on = self.last.is_none_or(|last| last <= poses.tick);
         self.last = Some(poses.tick);
@@ -241,14 +245,14 @@ impl FrameMaker {
                 self.start = Some((poses.session, poses.tick));
                 self.tracks.clear();
                 self.seen.clear();
-                self.forget_everybody();
+                self.clear_roster();
                 poses.tick
             }
         }
     }
 
-    /// Ids of another session mean other people.
-    fn forget_everybody(&mut self) {
+    /// Ids of another session refer to other people.
+    fn clear_roster(&mut self) {
         if !self.roster.people.is_empty() {
             self.roster = Arc::new(Roster {
                 version: self.roster.version + 1,
@@ -262,7 +266,8 @@ impl FrameMaker {
         let angles = angles_of(&pose.angles)?;
         let mut links = links_of(&angles);
         let offsets = Offsets::measured(&joints_m, &links);
-        // The joint and the angles' translations are rounded separately: one of them is the root.
+        // The joint and the translations among the angles are rounded separately; use the joint as
+        // root.
         links.joints_m[Joint::Pelvis.index()] = joints_m[Joint::Pelvis.index()];
         Some(PersonFrame {
             id,
@@ -290,31 +295,31 @@ impl FrameMaker {
         let rate_hz = self.facts.rate_hz;
         let track = self.tracks.entry(id).or_default();
         track.push_back((tick, pelvis_m));
-        let age_s = |of: Tick| tick.0.saturating_sub(of.0) as f64 / rate_hz;
-        // The oldest is the last one that is at least that old; what lies before a gap is not looked at.
-        while track.len() > 2 && track.get(1).is_some_and(|&(of, _)| age_s(of) >= SPEED_S) {
+        let age_s = |at: Tick| tick.0.saturating_sub(at.0) as f64 / rate_hz;
+        // Keep the youngest entry of at least this age; entries before a gap are dropped below.
+        while track.len() > 2 && track.get(1).is_some_and(|&(at, _)| age_s(at) >= SPEED_S) {
             track.pop_front();
         }
         if track
             .front()
-            .is_some_and(|&(of, _)| age_s(of) > 2.0 * SPEED_S)
+            .is_some_and(|&(at, _)| age_s(at) > 2.0 * SPEED_S)
         {
             track.pop_front();
         }
         match track.front() {
-            Some(&(of, from_m)) if of != tick => (pelvis_m - from_m) / age_s(of),
+            Some(&(at, from_m)) if at != tick => (pelvis_m - from_m) / age_s(at),
             _ => Vector3::zeros(),
         }
     }
 
-    fn forget(&mut self, tick: Tick) {
-        let is_old = |of: Tick| tick.0.saturating_sub(of.0) as f64 / self.facts.rate_hz > ROSTER_S;
+    fn drop_old(&mut self, tick: Tick) {
+        let is_old = |at: Tick| tick.0.saturating_sub(at.0) as f64 / self.facts.rate_hz > ROSTER_S;
         self.seen.retain(|_, last| !is_old(*last));
         self.tracks
-            .retain(|_, track| track.back().is_some_and(|&(of, _)| !is_old(of)));
+            .retain(|_, track| track.back().is_some_and(|&(at, _)| !is_old(at)));
     }
 
-    fn call_the_roll(&mut self, tick: Tick, persons: &[PersonFrame]) {
+    fn update_roster(&mut self, tick: Tick, persons: &[PersonFrame]) {
         let confirmed = || {
             persons
                 .iter()
@@ -339,11 +344,11 @@ impl FrameMaker {
                 entry.name = name;
             }
         }
-        let called = |people: &[RosterEntry]| {
-            let called = people.iter().map(|e| (e.id, Arc::clone(&e.name)));
-            called.collect::<Vec<_>>()
+        let names = |people: &[RosterEntry]| {
+            let names = people.iter().map(|e| (e.id, Arc::clone(&e.name)));
+            names.collect::<Vec<_>>()
         };
-        if called(&people) != called(&self.roster.people) {
+        if names(&people) != names(&self.roster.people) {
             self.roster = Arc::new(Roster {
                 version: self.roster.version + 1,
                 people,

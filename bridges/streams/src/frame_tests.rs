@@ -1,4 +1,4 @@
-//! Frames of made-up people: who is in them, and what they are called.
+//! Tests of frames: people, names, roster.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ fn ids(roster: &Roster) -> Vec<u32> {
 }
 
 #[test]
-fn joints_come_out_of_the_export_skeleton_again() {
+fn joints_can_be_recovered_from_the_export_skeleton() {
     let frame = synthetic::frame(33);
     for person in &frame.persons {
         let heads_m = person.motion.heads_m(&person.rig);
@@ -27,15 +27,15 @@ fn joints_come_out_of_the_export_skeleton_again() {
 }
 
 #[test]
-fn who_has_gone_stays_in_the_roster_for_ten_seconds() {
+fn missing_people_stay_in_the_roster_for_ten_seconds() {
     let mut maker = FrameMaker::new(synthetic::facts());
     let both = maker.frame(&synthetic::poses_at(2, 0)).roster;
     assert_eq!((ids(&both), both.version), (vec![1, 2], 1));
-    let kept = maker.frame(&synthetic::poses_at(1, 600)).roster;
-    assert_eq!((ids(&kept), kept.version), (vec![1, 2], 1));
+    let after = maker.frame(&synthetic::poses_at(1, 600)).roster;
+    assert_eq!((ids(&after), after.version), (vec![1, 2], 1));
     let gone = maker.frame(&synthetic::poses_at(1, 601)).roster;
     assert_eq!((ids(&gone), gone.version), (vec![1], 2));
-    // Who comes back is the last of the list.
+    // A person who returns is appended to the list.
     let mut poses = synthetic::poses_at(2, 602);
     poses.persons.swap(0, 1);
     let back = maker.frame(&poses).roster;
@@ -43,7 +43,7 @@ fn who_has_gone_stays_in_the_roster_for_ten_seconds() {
 }
 
 #[test]
-fn who_is_named_is_called_so_from_the_next_tick_on() {
+fn new_names_apply_from_the_next_tick() {
     let mut maker = FrameMaker::new(synthetic::facts());
     let before = maker.frame(&synthetic::poses_at(2, 0));
     maker.edit(edited(
@@ -70,13 +70,13 @@ fn edited(lines: &str) -> Identities {
 }
 
 #[test]
-fn who_is_merged_is_one_from_the_next_tick_on_and_the_other_id_is_gone_at_once() {
+fn merged_people_are_one_from_the_next_tick() {
     let mut maker = FrameMaker::new(synthetic::facts());
     let before = maker.frame(&synthetic::poses_at(2, 0));
     assert_eq!(ids(&before.roster), [1, 2]);
     let merge = r#"{"at":"","edit":"merge","person":2,"into":1}"#;
     maker.edit(edited(&format!("{merge}\n")));
-    // Of two poses at one tick that which is better seen counts.
+    // Of two poses at one tick, the better seen one is used.
     let mut poses = synthetic::poses_at(2, 1);
     poses.persons[0].state = PersonState::Coasting;
     let second = poses.persons[1].joints_m[0];
@@ -87,7 +87,7 @@ fn who_is_merged_is_one_from_the_next_tick_on_and_the_other_id_is_gone_at_once()
         after.persons[0].joints_m[0].map(|v| v as f32),
         Vector3::from(second)
     );
-    // Who is alone there has the id of both.
+    // A single remaining pose has the merged id.
     poses.tick = Tick(2);
     poses.persons.remove(0);
     let alone = maker.frame(&poses);
@@ -96,14 +96,14 @@ fn who_is_merged_is_one_from_the_next_tick_on_and_the_other_id_is_gone_at_once()
 }
 
 #[test]
-fn who_is_split_is_another_from_that_tick_on_and_who_is_left_out_is_not_streamed() {
+fn split_people_change_id_and_dropped_people_are_not_streamed() {
     let mut maker = FrameMaker::new(synthetic::facts());
     let split = r#"{"at":"","edit":"split","person":1,"tick":5,"new":9}"#;
     let drop = r#"{"at":"","edit":"drop","person":2}"#;
     maker.edit(edited(&format!("{split}\n{drop}\n")));
-    let who = |frame: &Frame| frame.persons.iter().map(|it| it.id.0).collect::<Vec<_>>();
-    assert_eq!(who(&maker.frame(&synthetic::poses_at(2, 4))), [1]);
-    assert_eq!(who(&maker.frame(&synthetic::poses_at(2, 5))), [9]);
+    let ids_in = |frame: &Frame| frame.persons.iter().map(|it| it.id.0).collect::<Vec<_>>();
+    assert_eq!(ids_in(&maker.frame(&synthetic::poses_at(2, 4))), [1]);
+    assert_eq!(ids_in(&maker.frame(&synthetic::poses_at(2, 5))), [9]);
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn tentative_people_are_in_frames_but_not_in_the_roster() {
 }
 
 #[test]
-fn poses_with_other_numbers_than_the_models_are_left_out_and_counted() {
+fn invalid_poses_are_dropped_and_counted() {
     let mut maker = FrameMaker::new(synthetic::facts());
     let mut poses = synthetic::poses_at(4, 0);
     poses.persons[0].joints_m[3][1] = f32::NAN;
@@ -131,7 +131,7 @@ fn poses_with_other_numbers_than_the_models_are_left_out_and_counted() {
 }
 
 #[test]
-fn another_session_begins_at_time_0_with_nobody_from_before() {
+fn a_new_session_starts_at_time_0_without_earlier_people() {
     let mut maker = FrameMaker::new(synthetic::facts());
     maker.frame(&synthetic::poses_at(2, 1000));
     let before = maker.frame(&synthetic::poses_at(2, 1030));
@@ -141,7 +141,7 @@ fn another_session_begins_at_time_0_with_nobody_from_before() {
     let frame = maker.frame(&poses);
     assert_eq!((frame.elapsed_us(), ids(&frame.roster)), (0, vec![1]));
     assert_ne!(frame.roster.version, before.roster.version);
-    // So does a tick that lies before the last one.
+    // The same applies if the tick goes backwards.
     let again = maker.frame(&synthetic::poses_at(1, 5));
     assert_eq!(again.elapsed_us(), 0);
 }

@@ -1,25 +1,26 @@
-//! Poses as live streams in the protocols that other programs speak.
+//! Streams poses live in the protocols of other programs.
 //!
-//! [`Streams`] is the whole of it: started with a list of [`StreamSpec`], given a tick's poses at a time, asked for a
-//! [`StreamReport`], stopped. Fusion's shell gives it what it publishes and never waits for it: between the two is a slot
-//! that holds the newest tick, and every stream, and every client of one, is a task that reads it when it can. Who is slow
-//! skips ticks, which is counted; who hangs is left after ten seconds, and harms nobody meanwhile.
+//! [`Streams`] is the entry point: start it with a list of [`StreamSpec`], pass the poses of each
+//! tick, read a [`StreamReport`], stop it. Fusion never waits for it: a slot holds the newest tick,
+//! and every stream and every client is a task that reads the slot when it can. Slow clients skip
+//! ticks, which is counted. A client that hangs is disconnected after ten seconds and does not
+//! affect others.
 //!
-//! | module | what |
+//! | module | content |
 //! | --- | --- |
-//! | [`people`] | names that differ, places that are kept |
-//! | [`frame`] | what all streams draw from: a tick's persons, the export skeleton's pose, the roster |
-//! | [`qtm`] | the real-time protocol of Qualisys Track Manager: TCP, XML, components |
+//! | [`people`] | unique names, and fixed places |
+//! | [`frame`] | input of all streams: people of a tick, pose of the export skeleton, roster |
+//! | [`qtm`] | real-time protocol of Qualisys Track Manager: TCP, XML, components |
 //! | [`vmc`] | Virtual Motion Capture: OSC over UDP, one person per port |
-//! | [`websocket`] | JSON for everybody else |
-//! | [`foxglove`] | Foxglove's WebSocket protocol, for its program and Lichtblick |
-//! | [`psn`] | PosiStageNet: where people are, for lighting desks |
-//! | `over_zenoh` | JSON on a key, and ROS 2 by `rmw_zenoh`; with the feature `zenoh` |
-//! | [`lsl`] | Lab Streaming Layer, for recorders of laboratories |
-//! | [`ros`] | messages of ROS 2 |
+//! | [`websocket`] | JSON for other programs |
+//! | [`foxglove`] | Foxglove's WebSocket protocol, for Foxglove and Lichtblick |
+//! | [`psn`] | PosiStageNet: positions of people, for lighting desks |
+//! | `over_zenoh` | JSON on Zenoh keys, and ROS 2 through `rmw_zenoh`; feature `zenoh` |
+//! | [`lsl`] | Lab Streaming Layer, for laboratory recorders |
+//! | [`ros`] | ROS 2 messages |
 //!
-//! Encoders are pure: a frame in, bytes out. None of these protocols knows keys: streams keep to the loopback unless an
-//! address says otherwise ([`StreamSpec::leaves_this_machine`]).
+//! Encoders are pure: a frame in, bytes out. None of these protocols has authentication, so streams
+//! stay on the loopback unless an address is given ([`StreamSpec::leaves_this_machine`]).
 
 mod connection;
 pub mod foxglove;
@@ -32,12 +33,10 @@ pub mod psn;
 pub mod qtm;
 pub mod ros;
 mod server;
-mod shell;
 mod slot;
 mod spec;
 mod streams;
 pub mod synthetic;
-mod udp;
 pub mod vmc;
 mod wall_clock;
 pub mod websocket;

@@ -1,11 +1,13 @@
-//! PosiStageNet, version 2: where people are and how fast they go, over UDP; one tracker per person, its pelvis.
+//! PosiStageNet, version 2: positions and velocities of people over UDP; one tracker per person,
+//! its pelvis.
 //!
-//! Source: *PosiStageNet Protocol description v2.03*, VYV and MA Lighting 2019, <https://posistage.net>. It is in the
-//! public domain.
+//! Source: *PosiStageNet Protocol description v2.03*, VYV and MA Lighting 2019,
+//! <https://posistage.net>. It is in the public domain.
 //!
-//! Its axes are x right, y up, z depth: with the world's x as depth, (-y, z, x) of the world, metres. A tracker's id is the
-//! person's, modulo 65,536. Validity is 1 while a person is seen and 0 while it is predicted by the model alone. Names are
-//! sent once a second and when somebody comes or goes. Frames of more people than fit into 1,500 bytes are several packets.
+//! Its axes are x right, y up, z depth; with the world's x as depth this is (-y, z, x) of the
+//! world, metres. A tracker's id is the person's id modulo 65,536. Validity is 1 for a seen person
+//! and 0 for a predicted one. Names are sent once per second, and when people come or leave. Frames
+//! that exceed 1,500 bytes are split into several packets.
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -19,29 +21,30 @@ use socket2::{Domain, Protocol, Socket, Type};
 use tokio::net::UdpSocket;
 
 use crate::frame::{Frame, PersonFrame};
-use crate::shell::Shell;
-use crate::udp::{any_address, send_all};
+use crate::server::{any_address, send_all};
+use crate::slot::Shell;
 
 const INFO_PACKET: u16 = 0x6756;
 const DATA_PACKET: u16 = 0x6755;
-/// Version of the protocol that is spoken.
+/// Protocol version.
 const VERSION: [u8; 2] = [2, 3];
-/// Bit of a chunk's head: it is made of chunks.
+/// Flag in a chunk's header: it contains chunks.
 const HAS_CHUNKS: u16 = 0x8000;
-/// Most bytes of a packet's list of trackers: with heads and addresses the packet is below 1,500.
+/// Maximum size of a packet's tracker list, bytes; with headers and addresses the packet is below
+/// 1,500.
 const MAX_LIST: usize = 1200;
-/// Most bytes of a name.
+/// Maximum size of a name, bytes.
 const MAX_NAME: usize = 200;
-/// How many networks a packet may cross: the venue's own, and one router.
+/// Maximum number of hops: the venue's network and one router.
 const TTL: u32 = 2;
 
-/// The packets that say where people are; `frame_id` is another one for another frame.
+/// Packets with the positions of people; `frame_id` identifies the frame.
 pub fn data_packets(frame: &Frame, frame_id: u8) -> Vec<Vec<u8>> {
     let trackers = frame.confirmed().map(|person| tracker(frame, person));
     packets(DATA_PACKET, frame, frame_id, 0x0001, &[], trackers)
 }
 
-/// The packets that say what people are called.
+/// Packets with the names of people.
 pub fn info_packets(frame: &Frame, frame_id: u8) -> Vec<Vec<u8>> {
     let trackers = frame.confirmed().map(|person| {
         let name = chunk(0x0000, 0, cut(&person.name).as_bytes());
@@ -103,7 +106,7 @@ fn tracker_id(id: PersonId) -> u16 {
     id.0 as u16
 }
 
-/// A chunk: id, length of the content and whether that is chunks, content.
+/// A chunk: id, length of the content with the chunk flag, content.
 fn chunk(id: u16, has_chunks: u16, content: &[u8]) -> Vec<u8> {
     // 15 bits; lists are far shorter.
     let length = u16::try_from(content.len()).unwrap_or(u16::MAX) & !HAS_CHUNKS;
@@ -113,13 +116,13 @@ fn chunk(id: u16, has_chunks: u16, content: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A name of at most [`MAX_NAME`] bytes.
+/// Truncates a name to at most [`MAX_NAME`] bytes.
 fn cut(name: &str) -> &str {
     name.get(..name.floor_char_boundary(MAX_NAME))
         .unwrap_or(name)
 }
 
-/// Sends to `address`: a multicast group, by `interface` where it is given, or one receiver.
+/// Sends to `address`: a multicast group, through `interface` if given, or one receiver.
 pub(crate) fn send(
     address: SocketAddr,
     interface: Option<Ipv4Addr>,
@@ -154,7 +157,7 @@ fn open(address: SocketAddr, interface: Option<Ipv4Addr>) -> io::Result<UdpSocke
     socket.set_nonblocking(true)?;
     if address.is_ipv4() && address.ip().is_multicast() {
         socket.set_multicast_ttl_v4(TTL)?;
-        // Receivers on this machine get it too.
+        // Receivers on this machine also receive it.
         socket.set_multicast_loop_v4(true)?;
         if let Some(interface) = interface {
             socket.set_multicast_if_v4(&interface)?;
@@ -171,7 +174,7 @@ mod tests {
     use crate::frame::FrameMaker;
     use crate::synthetic;
 
-    /// The chunks that `bytes` are made of.
+    /// The chunks in `bytes`.
     fn chunks(mut bytes: &[u8]) -> Vec<(u16, bool, &[u8])> {
         let mut all = Vec::new();
         while !bytes.is_empty() {
@@ -188,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn the_example_of_another_implementation_is_made_byte_for_byte() {
+    fn output_matches_another_implementation() {
         // README of the npm package @jwetzell/posistagenet: one tracker of id 1, the server's name, version 2.3.
         const THEIRS: &str = concat!(
             "5667348000000c00010000000000000002030101",
@@ -208,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn trackers_are_pelvises_with_x_to_the_right_y_up_and_z_in_depth() {
+    fn trackers_are_pelvises_in_posistagenet_axes() {
         let frame = synthetic::frame(60);
         let packets = data_packets(&frame, 9);
         assert_eq!(packets.len(), 1);
@@ -239,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn speed_is_that_of_the_circle() {
+    fn velocity_matches_the_circular_motion() {
         let mut maker = FrameMaker::new(synthetic::facts());
         let mut frame = maker.frame(&synthetic::poses_at(1, 0));
         assert_eq!(frame.persons[0].velocity_m_s, Vector3::zeros());
@@ -247,7 +250,7 @@ mod tests {
             frame = maker.frame(&synthetic::poses_at(1, tick));
         }
         let along = frame.persons[0].velocity_m_s.xy().norm();
-        // One metre of radius, a turn in four seconds.
+        // A radius of one metre, one turn in four seconds.
         assert!(
             (along - std::f64::consts::TAU / 4.0).abs() < 0.01,
             "{along}"
@@ -255,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crowd_is_several_packets_of_at_most_1500_bytes() {
+    fn crowds_are_split_into_packets_below_1500_bytes() {
         let mut maker = FrameMaker::new(synthetic::facts());
         let frame = maker.frame(&synthetic::poses_at(60, 0));
         for packets in [data_packets(&frame, 1), info_packets(&frame, 1)] {
@@ -274,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn long_names_are_cut_between_letters() {
+    fn long_names_are_truncated_between_characters() {
         let name = "é".repeat(300);
         assert_eq!(cut(&name).len(), MAX_NAME);
         assert_eq!(cut("Ada"), "Ada");

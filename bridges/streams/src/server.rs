@@ -1,27 +1,27 @@
-//! What TCP servers share: how they listen, how they take clients, how they write to one that may hang.
+//! Functions for TCP servers (listening, accepting clients, writing with a time limit) and UDP
+//! senders.
 
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::time::Duration;
 
 use tokio::io::{AsyncWrite, AsyncWriteExt as _};
-use tokio::net::{TcpListener, TcpSocket, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream, UdpSocket};
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
-use crate::shell::Shell;
-use crate::slot::Feed;
+use crate::slot::{Feed, Shell};
 
-/// Most clients of one stream.
+/// Maximum number of clients per stream.
 const MAX_CLIENTS: usize = 16;
-/// Who takes nothing for so long is left.
+/// A client that accepts nothing for this long is disconnected.
 pub(crate) const STALL: Duration = Duration::from_secs(10);
-/// What the system may hold back for one client, bytes (Linux doubles it): some frames, so that a slow client gets new
-/// ones and not those of seconds ago.
+/// Size of the system's send buffer per client, bytes (doubled by Linux). It holds a few frames, so
+/// that slow clients receive new frames, not old ones.
 const SEND_BUFFER: u32 = 64 * 1024;
-/// Connections that wait to be taken.
+/// Maximum number of connections waiting to be accepted.
 const BACKLOG: u32 = 16;
-/// How long to wait when no connection can be taken, as when there are too many open files.
+/// Delay after failing to accept a connection, for example with too many open files.
 pub(crate) const BREATH: Duration = Duration::from_millis(100);
 
 /// Listens at `address`.
@@ -30,15 +30,15 @@ pub(crate) fn listen(address: SocketAddr) -> io::Result<TcpListener> {
         SocketAddr::V4(_) => TcpSocket::new_v4()?,
         SocketAddr::V6(_) => TcpSocket::new_v6()?,
     };
-    // So that a stream can start again at once; not so that two can share a port.
+    // Allows an immediate restart of a stream, but not two streams on one port.
     socket.set_reuseaddr(true)?;
     socket.set_send_buffer_size(SEND_BUFFER)?;
     socket.bind(address)?;
     socket.listen(BACKLOG)
 }
 
-/// Takes clients for as long as streams run, [`MAX_CLIENTS`] at a time, and serves each in a task of its own. `refusal`: what
-/// one too many is told.
+/// Accepts clients while the streams run, at most [`MAX_CLIENTS`] at a time, and serves each in its
+/// own task. Surplus clients receive `refusal`.
 pub(crate) async fn take_clients<F>(
     listener: TcpListener,
     shell: Shell,
@@ -51,24 +51,26 @@ pub(crate) async fn take_clients<F>(
         let (mut socket, peer) = match listener.accept().await {
             Ok(taken) => taken,
             Err(error) => {
-                shell.counters.failed(format!("taking a client: {error}"));
+                shell
+                    .counters
+                    .failed(format!("accepting a client: {error}"));
                 tokio::time::sleep(BREATH).await;
                 continue;
             }
         };
         let Some(guard) = shell.counters.client(MAX_CLIENTS) else {
-            let why = format!("client {peer}: refused, {MAX_CLIENTS} are there");
+            let why = format!("client {peer}: refused, there are already {MAX_CLIENTS}");
             shell.counters.failed(why);
-            // Fits into the empty buffer of a new connection, or is not said.
+            // Fits into the empty buffer of a new connection, or is not sent.
             drop(socket.try_write(&refusal));
             drop(socket.shutdown().await);
             continue;
         };
         let serving = serve((socket, peer), shell.clone(), shell.feed.fresh());
         let client = shell.clone();
-        shell.spawn_to_its_end(async move {
+        shell.spawn_until_done(async move {
             let (mut feed, served) = serving.await;
-            // Who is cut off because all stops is none that failed.
+            // Clients that are disconnected by the stop did not fail.
             if let Err(error) = served.or_else(|error| match error.kind() {
                 io::ErrorKind::Interrupted => Ok(()),
                 _ => Err(error),
@@ -81,7 +83,7 @@ pub(crate) async fn take_clients<F>(
     }
 }
 
-/// Writes all bytes, unless the client takes none for [`STALL`] or the streams stop.
+/// Writes all bytes, unless the client accepts none for [`STALL`] or the streams stop.
 pub(crate) async fn write(
     to: &mut (impl AsyncWrite + Unpin),
     bytes: &[u8],
@@ -94,7 +96,39 @@ pub(crate) async fn write(
     }
 }
 
-/// What is said of who takes nothing for [`STALL`].
+/// The error of a client that accepts nothing for [`STALL`].
 pub(crate) fn stalled() -> io::Error {
-    io::Error::new(io::ErrorKind::TimedOut, "took nothing for ten seconds")
+    io::Error::new(io::ErrorKind::TimedOut, "accepted nothing for ten seconds")
+}
+
+/// Address to bind for sending to `address`: the loopback for the loopback, otherwise any.
+pub(crate) fn any_address(address: SocketAddr) -> IpAddr {
+    match address.ip() {
+        ip if ip.is_loopback() => ip,
+        IpAddr::V4(_) => IpAddr::V4(Ipv4Addr::UNSPECIFIED),
+        IpAddr::V6(_) => IpAddr::V6(Ipv6Addr::UNSPECIFIED),
+    }
+}
+
+/// Whether `ip` is an address of this machine, which can be bound.
+pub(crate) fn is_of_this_machine(ip: IpAddr) -> bool {
+    ip.is_loopback() || std::net::UdpSocket::bind((ip, 0)).is_ok()
+}
+
+/// Sends datagrams. If the system's buffer is full, this waits, and the stream skips frames
+/// meanwhile. A missing receiver is no error.
+pub(crate) async fn send_all(
+    socket: &UdpSocket,
+    datagrams: &[Vec<u8>],
+    to: SocketAddr,
+) -> io::Result<()> {
+    for datagram in datagrams {
+        match socket.send_to(datagram, to).await {
+            Ok(_) => {}
+            // The reply to an earlier datagram.
+            Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
 }

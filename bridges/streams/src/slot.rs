@@ -1,13 +1,16 @@
-//! The newest-value slot between the one who makes frames and the streams: who is slow skips, nobody waits, nothing queues.
+//! Slot with the newest frame between the frame maker and the streams: slow readers skip frames, no
+//! one waits, nothing queues.
 
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 
 use crate::frame::Frame;
 
-/// What a stream counts, for [`StreamReport`](crate::StreamReport).
+/// Counters of a stream, for [`StreamReport`](crate::StreamReport).
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
     clients: AtomicUsize,
@@ -22,7 +25,7 @@ impl Counters {
         self.sent.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Frames that a client did not get.
+    /// Counts frames that a client did not receive.
     pub(crate) fn skipped(&self, frames: u64) {
         self.skipped.fetch_add(frames, Ordering::Relaxed);
     }
@@ -31,7 +34,7 @@ impl Counters {
         self.clients.store(clients, Ordering::Relaxed);
     }
 
-    /// Counts a client until the guard is dropped; `None` when there are `most` already.
+    /// Counts a client until the guard is dropped; `None` if there are already `most`.
     pub(crate) fn client(self: &Arc<Self>, most: usize) -> Option<ClientGuard> {
         let taken = self
             .clients
@@ -41,7 +44,7 @@ impl Counters {
         taken.ok().map(|_| ClientGuard(Arc::clone(self)))
     }
 
-    /// Something that a stream could not do, and goes on without.
+    /// Counts and stores an error after which the stream continues.
     pub(crate) fn failed(&self, what: String) {
         self.failed.fetch_add(1, Ordering::Relaxed);
         *self
@@ -62,7 +65,7 @@ impl Counters {
     }
 }
 
-/// What was counted by now.
+/// Current values of the counters.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Counted {
     pub(crate) clients: usize,
@@ -72,7 +75,7 @@ pub(crate) struct Counted {
     pub(crate) last_error: Option<String>,
 }
 
-/// A client that is counted.
+/// Keeps a client counted until dropped.
 #[derive(Debug)]
 pub(crate) struct ClientGuard(Arc<Counters>);
 
@@ -82,14 +85,14 @@ impl Drop for ClientGuard {
     }
 }
 
-/// A frame and how many were published before it.
+/// A frame, and the number of frames published before it.
 #[derive(Debug, Clone, Default)]
 struct Published {
     number: u64,
     frame: Option<Arc<Frame>>,
 }
 
-/// Where frames are put.
+/// The writing end.
 #[derive(Debug)]
 pub(crate) struct Slot(watch::Sender<Published>);
 
@@ -98,7 +101,7 @@ impl Slot {
         Self(watch::Sender::new(Published::default()))
     }
 
-    /// Replaces the frame that is there, before which `missed` frames were not made; never waits.
+    /// Replaces the current frame; `missed` frames before it were never made. Never waits.
     pub(crate) fn put(&self, frame: Arc<Frame>, missed: u64) {
         self.0.send_modify(|published| {
             published.number += 1 + missed;
@@ -106,7 +109,7 @@ impl Slot {
         });
     }
 
-    /// A view of the slot for one who counts there.
+    /// A reader of the slot with these counters.
     pub(crate) fn feed(&self, counters: &Arc<Counters>) -> Feed {
         Feed {
             receiver: self.0.subscribe(),
@@ -125,15 +128,15 @@ pub(crate) struct Feed {
 }
 
 impl Feed {
-    /// Another reader, for whom all that was published by now is read.
+    /// A new reader that considers everything published so far as read.
     pub(crate) fn fresh(&self) -> Self {
         let mut fresh = self.clone();
         fresh.catch_up();
         fresh
     }
 
-    /// Waits for a frame that was not read yet; frames between it and the last are counted as skipped. `None` when no
-    /// more will come. May be cancelled.
+    /// Waits for an unread frame, and counts the frames skipped since the last one. `None` if no
+    /// more will come. Cancel safe.
     pub(crate) async fn next(&mut self) -> Option<Arc<Frame>> {
         loop {
             self.receiver.changed().await.ok()?;
@@ -152,7 +155,7 @@ impl Feed {
         self.receiver.borrow().frame.clone()
     }
 
-    /// Counts what was published and not read by now as skipped: its reader gives up.
+    /// Counts all unread frames as skipped, since the reader gives up.
     pub(crate) fn miss(&mut self) {
         let number = self.receiver.borrow_and_update().number;
         let skipped = number.saturating_sub(self.last);
@@ -160,9 +163,38 @@ impl Feed {
         self.counters.skipped.fetch_add(skipped, Ordering::Relaxed);
     }
 
-    /// Takes all that was published by now as read, without counting it.
+    /// Marks everything published so far as read, without counting.
     pub(crate) fn catch_up(&mut self) {
         self.last = self.receiver.borrow_and_update().number;
+    }
+}
+
+/// What the tasks of a stream share.
+#[derive(Debug, Clone)]
+pub(crate) struct Shell {
+    pub(crate) tasks: TaskTracker,
+    pub(crate) stop: CancellationToken,
+    pub(crate) counters: Arc<Counters>,
+    /// Template only; every task reads a copy of its own.
+    pub(crate) feed: Feed,
+}
+
+impl Shell {
+    /// Runs a task until it ends or the streams stop.
+    pub(crate) fn spawn(&self, task: impl Future<Output = ()> + Send + 'static) {
+        let stop = self.stop.clone();
+        self.tasks.spawn(async move {
+            tokio::select! {
+                biased;
+                () = stop.cancelled() => {}
+                () = task => {}
+            }
+        });
+    }
+
+    /// Runs a task that ends by itself when the streams stop.
+    pub(crate) fn spawn_until_done(&self, task: impl Future<Output = ()> + Send + 'static) {
+        self.tasks.spawn(task);
     }
 }
 
@@ -172,7 +204,7 @@ mod tests {
     use crate::synthetic;
 
     #[tokio::test]
-    async fn who_is_slow_gets_the_newest_and_the_skipped_are_counted() {
+    async fn slow_readers_get_the_newest_frame_and_skips_are_counted() {
         let (slot, counters) = (Slot::new(), Arc::new(Counters::default()));
         let mut feed = slot.feed(&counters);
         for tick in 0..5 {
@@ -183,7 +215,7 @@ mod tests {
         slot.put(synthetic::frame(5), 0);
         assert_eq!(feed.next().await.unwrap().tick.0, 5);
         assert_eq!(counters.read().skipped, 4);
-        // Poses that were replaced before anybody came to them.
+        // Poses that were replaced before they were read.
         slot.put(synthetic::frame(8), 2);
         assert_eq!(feed.next().await.unwrap().tick.0, 8);
         assert_eq!(counters.read().skipped, 6);
@@ -192,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn clients_are_counted_and_bounded() {
+    fn clients_are_counted_and_limited() {
         let counters = Arc::new(Counters::default());
         let first = counters.client(1);
         assert!(first.is_some());

@@ -1,4 +1,4 @@
-//! Which stream goes where, as it is asked for: `qtm`, `vmc=127.0.0.1:39539`, `psn=236.10.10.10@192.168.1.7`.
+//! Parses stream specifications: `qtm`, `vmc=127.0.0.1:39539`, `psn=236.10.10.10@192.168.1.7`.
 
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -6,34 +6,34 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
-use crate::udp::is_of_this_machine;
+use crate::server::is_of_this_machine;
 
-/// Ports that the stream of avatars may take from its first: one per person.
+/// Number of ports of a `vmc` stream, one per person.
 pub const VMC_PORTS: u16 = 16;
 
 /// A protocol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum StreamKind {
-    /// The real-time protocol of Qualisys Track Manager; a TCP server.
+    /// Real-time protocol of Qualisys Track Manager; a TCP server.
     Qtm,
-    /// The Virtual Motion Capture protocol, OSC over UDP; sends to one port per person.
+    /// Virtual Motion Capture protocol, OSC over UDP; sends to one port per person.
     Vmc,
     /// JSON over WebSocket; a TCP server.
     WebSocket,
     /// Foxglove's protocol over WebSocket; a TCP server.
     Foxglove,
-    /// JSON on a key of Zenoh; a peer that others connect to.
+    /// JSON on Zenoh keys; a peer that others connect to.
     Zenoh,
-    /// ROS 2 by `rmw_zenoh`; connects to the router of ROS 2.
+    /// ROS 2 through `rmw_zenoh`; connects to ROS 2's router.
     Ros2,
     /// PosiStageNet over UDP multicast, or to one receiver.
     Psn,
-    /// Lab Streaming Layer: an outlet that inlets find by UDP; a TCP server.
+    /// Lab Streaming Layer: an outlet that inlets discover by UDP; a TCP server.
     Lsl,
 }
 
 impl StreamKind {
-    /// Every protocol with its name.
+    /// All protocols with their names.
     pub const ALL: [(&'static str, Self); 8] = [
         ("qtm", Self::Qtm),
         ("vmc", Self::Vmc),
@@ -45,7 +45,7 @@ impl StreamKind {
         ("lsl", Self::Lsl),
     ];
 
-    /// Its name.
+    /// The name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Qtm => "qtm",
@@ -59,14 +59,14 @@ impl StreamKind {
         }
     }
 
-    /// Where it goes unless it is said. PosiStageNet's is a multicast group, sent to the loopback alone.
+    /// The default address. PosiStageNet's is a multicast group, sent on the loopback only.
     pub const fn default_address(self) -> SocketAddr {
         let (ip, port) = match self {
             Self::Qtm => (Ipv4Addr::LOCALHOST, 22223),
             Self::Vmc => (Ipv4Addr::LOCALHOST, 39539),
             Self::WebSocket => (Ipv4Addr::LOCALHOST, 8765),
             Self::Foxglove => (Ipv4Addr::LOCALHOST, 8766),
-            // Fusion itself may have 7447, Zenoh's usual one.
+            // Fusion may use 7447, Zenoh's default port.
             Self::Zenoh => (Ipv4Addr::LOCALHOST, 7448),
             Self::Ros2 => (Ipv4Addr::LOCALHOST, 7447),
             Self::Psn => (Ipv4Addr::new(236, 10, 10, 10), 56565),
@@ -75,7 +75,7 @@ impl StreamKind {
         SocketAddr::new(IpAddr::V4(ip), port)
     }
 
-    /// Whether it waits for clients at its address; the others send to it.
+    /// Whether it is a server at its address; others send to it.
     pub const fn is_server(self) -> bool {
         matches!(
             self,
@@ -84,21 +84,21 @@ impl StreamKind {
     }
 }
 
-/// A stream as it is asked for.
+/// A stream specification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StreamSpec {
     /// The protocol.
     pub kind: StreamKind,
-    /// Where a server listens, or where a sender sends to.
+    /// Address of a server, or target of a sender.
     pub address: SocketAddr,
-    /// The address of this machine by which multicast is sent; `None` leaves it to the system's routes.
+    /// Address of the local interface for multicast; `None` for the system's default.
     pub interface: Option<Ipv4Addr>,
 }
 
-/// What is wrong with the text of a stream.
+/// Why a specification is invalid.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum SpecError {
-    /// No protocol of that name.
+    /// Unknown protocol.
     #[error(
         "stream `{found}`: found no stream of that name, expected one of qtm, vmc, websocket, foxglove, zenoh, ros2, psn, lsl"
     )]
@@ -106,57 +106,57 @@ pub enum SpecError {
         /// The name.
         found: String,
     },
-    /// Not an address.
+    /// Invalid address.
     #[error(
         "stream `{stream}`: found the address `{found}`, expected IP:PORT or IP, as {expected}"
     )]
     NoAddress {
-        /// The protocol's name.
+        /// Name of the protocol.
         stream: &'static str,
-        /// What stands for the address.
+        /// The text in place of the address.
         found: String,
-        /// The default one.
+        /// The default address.
         expected: SocketAddr,
     },
-    /// `@` where it means nothing, or not an address behind it.
+    /// `@` in the wrong place, or without an address after it.
     #[error(
         "stream `{stream}`: found `@{found}`, expected the IPv4 address of one of this machine's interfaces, behind a multicast address of psn"
     )]
     NoInterface {
-        /// The protocol's name.
+        /// Name of the protocol.
         stream: &'static str,
-        /// What stands behind `@`.
+        /// The text after `@`.
         found: String,
     },
-    /// An address of another kind than the protocol's.
+    /// Unsupported kind of address.
     #[error("stream `{stream}`: found the address {found}, expected an IPv4 address")]
     NoIpv4 {
-        /// The protocol's name.
+        /// Name of the protocol.
         stream: &'static str,
         /// The address.
         found: IpAddr,
     },
-    /// A port that cannot be sent to.
+    /// Invalid port.
     #[error("stream `{stream}`: found port {found}, expected {expected}")]
     NoPort {
-        /// The protocol's name.
+        /// Name of the protocol.
         stream: &'static str,
         /// The port.
         found: u16,
-        /// Which ports are good.
+        /// The allowed ports.
         expected: &'static str,
     },
 }
 
 impl SpecError {
-    /// Whether it is the name that is wrong; else it is the address.
+    /// Whether the name is wrong; otherwise the address is.
     pub fn is_of_name(&self) -> bool {
         matches!(self, Self::UnknownName { .. })
     }
 }
 
 impl StreamSpec {
-    /// The stream of that protocol where it goes by default: nowhere but this machine.
+    /// The stream with its default address, which stays on this machine.
     pub const fn new(kind: StreamKind) -> Self {
         Self {
             kind,
@@ -168,8 +168,8 @@ impl StreamSpec {
         }
     }
 
-    /// Whether others than this machine can receive it. None of these protocols knows keys or passwords: who can reach the
-    /// address, or the network that is sent to, sees where everybody is.
+    /// Whether other machines can receive it. None of these protocols has authentication: anyone
+    /// who can reach the address or network sees all people.
     pub fn leaves_this_machine(&self) -> bool {
         match self.interface {
             Some(interface) if self.address.ip().is_multicast() => !interface.is_loopback(),
@@ -177,10 +177,10 @@ impl StreamSpec {
         }
     }
 
-    /// The stream `name`, where it goes by default or to `given`.
+    /// The stream `name` with the default address or with `given`.
     ///
     /// # Errors
-    /// [`SpecError`], by the name or by the address.
+    /// [`SpecError`] for the name or the address.
     pub fn of(name: &str, given: Option<&str>) -> Result<Self, SpecError> {
         let kind = StreamKind::ALL.iter().find(|(known, _)| *known == name);
         let Some(&(stream, kind)) = kind else {
@@ -223,7 +223,8 @@ impl StreamSpec {
         .checked()
     }
 
-    /// Whether this stream is a client that would take a server of ours, which listens at `listening`, for its own.
+    /// Whether this stream is a client that would mistake our own server at `listening` for its
+    /// server.
     pub fn takes_for_its_own(&self, listening: SocketAddr) -> bool {
         let (there, own) = (self.address.ip(), listening.ip());
         let is_there = own == there
@@ -297,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_beyond_the_loopback_is_taken_as_given_and_flagged() {
+    fn addresses_beyond_the_loopback_are_flagged() {
         for text in [
             "qtm=0.0.0.0:22223",
             "qtm=[::]:22223",
@@ -314,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn ros_2_is_not_looked_for_where_fusion_listens() {
+    fn ros2_does_not_connect_to_fusion() {
         let takes = |text: &str, listening: &str| {
             let spec = read(text).unwrap();
             spec.takes_for_its_own(listening.parse().unwrap())
@@ -323,19 +324,19 @@ mod tests {
         assert!(takes("ros2", "0.0.0.0:7447"));
         assert!(takes("ros2=127.0.0.1:7449", "0.0.0.0:7449"));
         assert!(!takes("ros2=127.0.0.1:7449", "127.0.0.1:7447"));
-        // A documentation address is nobody's (RFC 5737).
+        // A documentation address, which no machine has (RFC 5737).
         assert!(!takes("ros2=192.0.2.1:7447", "0.0.0.0:7447"));
         assert!(!takes("zenoh=127.0.0.1:7447", "127.0.0.1:7447"));
     }
 
     #[test]
-    fn a_port_is_the_protocols_unless_it_is_given() {
+    fn the_default_port_applies_unless_one_is_given() {
         assert_eq!(read("qtm=10.1.2.3").unwrap().address.port(), 22223);
         assert_eq!(read("qtm=10.1.2.3:5").unwrap().address.port(), 5);
     }
 
     #[test]
-    fn errors_name_what_was_found_and_what_is_expected() {
+    fn errors_contain_found_and_expected_values() {
         let errors = [
             (
                 "qmt",
@@ -369,7 +370,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_printed_is_read_again(ip in any::<u32>(), port in 1u16..65520, kind in 0..StreamKind::ALL.len()) {
+        fn specifications_round_trip(ip in any::<u32>(), port in 1u16..65520, kind in 0..StreamKind::ALL.len()) {
             let address = SocketAddr::new(IpAddr::V4(ip.into()), port);
             let spec = StreamSpec { kind: StreamKind::ALL[kind].1, address, interface: None };
             prop_assert_eq!(spec.to_string().parse(), Ok(spec));

@@ -1,4 +1,4 @@
-//! All streams of a run: started together, given a tick at a time, stopped together.
+//! All streams of a run: started, fed and stopped together.
 
 use std::io;
 use std::net::SocketAddr;
@@ -16,48 +16,50 @@ use tokio_util::task::TaskTracker;
 use crate::frame::{Frame, FrameMaker, VenueFacts};
 #[cfg(feature = "zenoh")]
 use crate::over_zenoh;
-use crate::shell::Shell;
-use crate::slot::{Counters, Slot};
+use crate::slot::{Counters, Shell, Slot};
 use crate::spec::{StreamKind, StreamSpec};
 use crate::{foxglove, lsl, psn, qtm, vmc, websocket};
 
-/// How long streams may take to say goodbye to their clients.
+/// Maximum time for streams to say goodbye to their clients.
 const GRACE: Duration = Duration::from_secs(2);
 
 /// Why streams cannot start.
 #[derive(Debug, Error)]
 pub enum StreamError {
-    /// The address cannot be had.
+    /// The address is not available.
     #[error("stream `{spec}`: {problem}: {why}")]
     Open {
         /// The stream.
         spec: StreamSpec,
-        /// What was tried.
+        /// The operation that failed.
         problem: &'static str,
-        /// What the system says.
+        /// The error of the operating system.
         why: io::Error,
     },
-    /// Two streams of one protocol at one address.
+    /// Two streams with the same protocol and address.
     #[error("stream `{0}`: found twice, expected once")]
     Twice(StreamSpec),
 }
 
-/// How a stream does.
+/// Status of a stream.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StreamReport {
-    /// What was asked for.
+    /// The specification.
     pub spec: StreamSpec,
-    /// Where a server listens (the port that it got, where port 0 was asked for), or where a sender sends to.
+    /// Actual address of a server (with the assigned port if 0 was requested), or target of a
+    /// sender.
     pub address: SocketAddr,
-    /// Connected clients; of the stream of avatars, ports that are sent to; of PosiStageNet always 1.
+    /// Connected clients; for `vmc` the number of ports in use; for PosiStageNet always 1.
     pub clients: usize,
-    /// Frames that were sent, over all clients.
+    /// Number of sent frames, over all clients.
     pub sent: u64,
-    /// Frames that clients did not get because they, or this machine, were too slow, over all clients.
+    /// Number of frames that clients missed because they or this machine were too slow, over all
+    /// clients.
     pub skipped: u64,
-    /// What went wrong and was gone on without: refused or lost clients, datagrams that could not be sent.
+    /// Number of errors after which the stream continued: refused or lost clients, failed
+    /// datagrams.
     pub failed: u64,
-    /// The last of these.
+    /// The last of these errors.
     pub last_error: Option<String>,
 }
 
@@ -68,14 +70,14 @@ struct Running {
     counters: Arc<Counters>,
 }
 
-/// The newest poses, and how many were published by then.
+/// The newest poses, and the number published so far.
 #[derive(Debug, Clone, Default)]
 struct Newest {
     number: u64,
     poses: Option<Arc<PoseSet>>,
 }
 
-/// Running streams. Dropping it stops them too, without goodbyes.
+/// Running streams. Dropping it also stops them, without goodbyes.
 #[derive(Debug)]
 pub struct Streams {
     running: Vec<Running>,
@@ -88,13 +90,14 @@ pub struct Streams {
 }
 
 impl Streams {
-    /// Opens all streams. Must be called inside a tokio runtime with I/O and time; the streams' tasks run there.
+    /// Opens all streams. Must be called inside a tokio runtime with I/O and time, which runs the
+    /// streams' tasks.
     ///
     /// # Errors
-    /// The first stream whose address cannot be had; nothing runs then.
+    /// The first stream whose address is not available; then no stream runs.
     pub async fn start(specs: &[StreamSpec], facts: VenueFacts) -> Result<Self, StreamError> {
         for (i, spec) in specs.iter().enumerate() {
-            // Port 0 is another one each time.
+            // Port 0 is a different port each time.
             let is_same = |other: &StreamSpec| {
                 let is_there = (other.address, other.interface) == (spec.address, spec.interface);
                 other.kind == spec.kind && is_there && spec.address.port() != 0
@@ -145,7 +148,7 @@ impl Streams {
             #[cfg(not(feature = "zenoh"))]
             StreamKind::Zenoh | StreamKind::Ros2 => Err(io::Error::new(
                 io::ErrorKind::Unsupported,
-                "this program was built without Zenoh's streams",
+                "this program was built without Zenoh streams",
             )),
             StreamKind::Psn => psn::send(spec.address, spec.interface, &shell),
             StreamKind::Lsl => lsl::serve(spec.address, facts, &shell).await,
@@ -167,7 +170,7 @@ impl Streams {
         Ok(())
     }
 
-    /// Makes frames of the newest poses, away from who publishes them.
+    /// Creates frames from the newest poses, outside the publisher's task.
     fn make_frames(&self, mut maker: FrameMaker) {
         let (mut poses, slot) = (self.poses.subscribe(), Arc::clone(&self.slot));
         let mut people = self.people.subscribe();
@@ -194,7 +197,7 @@ impl Streams {
         });
     }
 
-    /// Streams these poses. Never waits: poses that the streams have not come to yet are replaced.
+    /// Streams these poses. Never blocks; poses that no stream has read yet are replaced.
     pub fn poses(&self, poses: impl Into<Arc<PoseSet>>) {
         self.poses.send_modify(|newest| {
             newest.number += 1;
@@ -202,17 +205,18 @@ impl Streams {
         });
     }
 
-    /// From the next poses on people are whom `people` says, and called so; who has no name is `person_<id>`. Never waits.
+    /// Applies edits of people from the next poses on; a person without a name is `person_<id>`.
+    /// Never blocks.
     pub fn set_people(&self, people: Identities) {
         self.people.send_replace(people);
     }
 
-    /// Streams a frame that was made elsewhere. Never waits.
+    /// Streams a frame made elsewhere. Never blocks.
     pub fn tick(&self, frame: Arc<Frame>) {
         self.slot.put(frame, 0);
     }
 
-    /// How every stream does, in the order in which they were asked for.
+    /// Status of every stream, in the order of the specifications.
     pub fn report(&self) -> Vec<StreamReport> {
         let report = |stream: &Running| {
             let counted = stream.counters.read();
@@ -229,7 +233,7 @@ impl Streams {
         self.running.iter().map(report).collect()
     }
 
-    /// Poses that had not the numbers of the body model, and were not streamed.
+    /// Number of poses that do not match the body model and were not streamed.
     pub fn unreadable_poses(&self) -> u64 {
         self.unreadable.load(Ordering::Relaxed)
     }
@@ -238,7 +242,7 @@ impl Streams {
     pub async fn stop(self) {
         self.stop.cancel();
         self.tasks.close();
-        // Who is not done by then is left: every task ends at its next await, or with its own limit of time.
+        // Remaining tasks are abandoned: each ends at its next await or time limit.
         drop(tokio::time::timeout(GRACE, self.tasks.wait()).await);
     }
 }

@@ -1,4 +1,4 @@
-//! People who walk in circles, made by the body model: for tests and for the example that streams them.
+//! Synthetic people who walk in circles, created with the body model; for tests and the example.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -17,38 +17,41 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::frame::{Frame, FrameMaker, VenueFacts};
 
-/// Ticks per second of the made-up venue.
+/// Ticks per second of the synthetic venue.
 pub const RATE_HZ: f64 = 60.0;
-/// Ticks after which everybody is where they were.
+/// Number of ticks after which the motion repeats.
 pub const PERIOD: i64 = 240;
 
-/// The facts of the made-up venue: person 2 has a name that no format may take as it is.
+/// The synthetic venue. Person 2 has a name that every format must escape.
 pub fn facts() -> VenueFacts {
     VenueFacts {
         venue: "synthetic".to_owned(),
         rate_hz: RATE_HZ,
         names: BTreeMap::from([(PersonId(2), "Ada <& \"Zoë\">".to_owned())]),
-        cameras: CAMERAS.iter().filter_map(camera).collect(),
+        cameras: CAMERAS
+            .iter()
+            .filter_map(|(name, at_m)| camera(name, *at_m))
+            .collect(),
     }
 }
 
-/// Cameras of the made-up venue: names, and where they stand, metres.
+/// Cameras of the synthetic venue: names and positions, metres.
 pub const CAMERAS: [(&str, [f64; 3]); 2] = [("south", [1.0, -8.0, 2.5]), ("east", [9.0, 2.0, 3.0])];
 
-/// A camera that stands there, not turned, without a lens.
-fn camera((name, at_m): &(&str, [f64; 3])) -> Option<CameraModel> {
+/// A camera at that position, without rotation or distortion.
+fn camera(name: &str, at_m: [f64; 3]) -> Option<CameraModel> {
     let intrinsics = Intrinsics {
         fx_px: 900.0,
         fy_px: 900.0,
         cx_px: 640.0,
         cy_px: 360.0,
     };
-    let camera_from_world = Isometry3::new(-Vector3::from(*at_m), Vector3::zeros());
+    let camera_from_world = Isometry3::new(-Vector3::from(at_m), Vector3::zeros());
     let place = Transform::new(camera_from_world);
-    CameraModel::new(*name, [1280, 720], intrinsics, Distortion::default(), place).ok()
+    CameraModel::new(name, [1280, 720], intrinsics, Distortion::default(), place).ok()
 }
 
-/// How a person walks: a circle of 2 m in four seconds, arms and legs swinging once a second.
+/// Pose at a tick: a circle of 2 m in four seconds, with arms and legs swinging once per second.
 fn pose_at(person: u32, tick: i64) -> Pose {
     let t = tick.rem_euclid(PERIOD) as f64 / RATE_HZ;
     let swing = libm::sin(TAU * t);
@@ -75,7 +78,7 @@ fn pose_at(person: u32, tick: i64) -> Pose {
     pose
 }
 
-/// A person as fusion publishes one.
+/// A person as published by fusion.
 pub fn person_at(person: u32, tick: i64) -> PersonPose {
     let pose = pose_at(person, tick);
     let stature_m = 1.6 + 0.05 * f64::from(person % 8);
@@ -94,7 +97,7 @@ pub fn person_at(person: u32, tick: i64) -> PersonPose {
     }
 }
 
-/// `n` persons at a tick, ids from 1.
+/// `n` people at a tick, with ids from 1.
 pub fn poses_at(n: u32, tick: i64) -> PoseSet {
     PoseSet {
         session: SessionId(7),
@@ -103,7 +106,7 @@ pub fn poses_at(n: u32, tick: i64) -> PoseSet {
     }
 }
 
-/// The frame of two persons at a tick, in a session that began a second before.
+/// The frame of two people at a tick, in a session that began one second earlier.
 pub fn frame(tick: i64) -> Arc<Frame> {
     let mut maker = FrameMaker::new(facts());
     maker.frame(&poses_at(2, tick - 60));

@@ -1,15 +1,17 @@
-//! The Virtual Motion Capture protocol, version 3.1, as a performer: OSC over UDP, one person per port.
+//! The Virtual Motion Capture protocol, version 3.1, as a performer: OSC over UDP, one person per
+//! port.
 //!
 //! Source: *VMC Protocol specification*, <https://protocol.vmc.info/specification> and
 //! <https://protocol.vmc.info/marionette-spec>.
 //!
-//! Unity's axes: metres, left-handed, y up; who faces the world's x faces z. Bones have the names of Unity's humanoid; each
-//! is sent against its parent and against the T-pose, in which all rotations are identities. The root is the point of the
-//! floor below the hips, not turned; the hips are against it. So the whole pose is there for receivers that move root and
-//! hips, and those that know only the root still follow the person over the floor.
+//! Unity's axes: metres, left-handed, y up; a person who faces the world's x faces z. Bones have
+//! the names of Unity's humanoid. Each is relative to its parent and to the T-pose, in which all
+//! rotations are identities. The root is the point on the floor below the hips, without rotation;
+//! the hips are relative to it. Thus receivers that use root and hips get the full pose, and
+//! receivers that use only the root still move the person over the floor.
 //!
-//! The first person goes to the first port, 39539 by default, the next to the next, up to [`VMC_PORTS`]. A person keeps the
-//! port for as long as it is in the roster. Who is not there is not sent.
+//! The first person is sent to the first port, 39539 by default, the next to the next port, up to
+//! [`VMC_PORTS`]. A person keeps the port while in the roster. Missing people are not sent.
 
 use std::io;
 use std::net::{IpAddr, SocketAddr};
@@ -21,20 +23,22 @@ use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder};
 use tokio::net::UdpSocket;
 
 use crate::frame::{Frame, PersonFrame};
-use crate::people::places::Places;
-use crate::shell::Shell;
+use crate::people::Places;
+use crate::server::{any_address, send_all};
+use crate::slot::Shell;
 use crate::spec::VMC_PORTS;
-use crate::udp::{any_address, send_all};
 
-/// Largest datagram on this machine, bytes: what UDP over IPv4 carries. A frame has 1,696, and is one bundle.
+/// Maximum datagram on this machine, bytes: the limit of UDP over IPv4. A frame has 1,696 bytes and
+/// is one bundle.
 pub const LOOPBACK_BYTES: usize = 65_507;
-/// Largest datagram over a network, bytes: below 1,500, as the specification asks, with room for tunnels.
+/// Maximum datagram over a network, bytes: below 1,500 as the specification requires, with room for
+/// tunnels.
 pub const NETWORK_BYTES: usize = 1_400;
-/// What a bundle has before its first message, and before each of them its size, bytes (OSC 1.0).
+/// Header of a bundle, and size field of each message, bytes (OSC 1.0).
 const BUNDLE_HEAD: usize = 16;
 const MESSAGE_HEAD: usize = 4;
 
-/// The largest datagram that the path to `to` takes whole.
+/// The maximum datagram for the path to `to`.
 pub fn most_bytes(to: IpAddr) -> usize {
     if to.to_canonical().is_loopback() {
         LOOPBACK_BYTES
@@ -43,11 +47,12 @@ pub fn most_bytes(to: IpAddr) -> usize {
     }
 }
 
-/// The datagrams of one person of a frame, each a bundle of at most `most_bytes`, in as few as will do. Each has the state
-/// and the time, for receivers take a bundle for a frame. `None` where OSC cannot encode them, which no frame causes.
+/// The datagrams of one person: as few bundles as possible, each of at most `most_bytes`. Each
+/// contains state and time, since receivers treat a bundle as a frame. `None` if OSC cannot encode
+/// them, which no frame causes.
 pub fn datagrams(frame: &Frame, person: &PersonFrame, most_bytes: usize) -> Option<Vec<Vec<u8>>> {
     let state = vec![
-        // A model is loaded; it is calibrated; the normal mode; tracked.
+        // Model loaded, calibrated, normal mode, tracked.
         message("/VMC/Ext/OK", [1, 3, 0, 1].map(OscType::Int).to_vec()),
         message("/VMC/Ext/T", vec![OscType::Float(frame.elapsed_s as f32)]),
     ];
@@ -98,7 +103,7 @@ fn poses(person: &PersonFrame) -> Vec<OscPacket> {
     poses
 }
 
-/// What each message takes in a bundle, bytes.
+/// Size of each message in a bundle, bytes.
 fn sizes(messages: &[OscPacket]) -> Option<Vec<usize>> {
     let size = |it| Some(MESSAGE_HEAD + encoder::encode(it).ok()?.len());
     messages.iter().map(size).collect()
@@ -129,13 +134,13 @@ pub(crate) async fn send(first: SocketAddr, shell: Shell) -> io::Result<SocketAd
             ports.assign(frame.roster.ids());
             counters.set_clients(ports.len());
             for person in frame.confirmed() {
-                let Some(port) = ports.of(person.id) else {
+                let Some(port) = ports.get(person.id) else {
                     continue;
                 };
                 let to = SocketAddr::new(first.ip(), first.port().saturating_add(port));
                 let sent = match datagrams(&frame, person, most_bytes(to.ip())) {
                     Some(all) => send_all(&socket, &all, to).await,
-                    None => Err(io::Error::other("cannot be encoded")),
+                    None => Err(io::Error::other("cannot encode the OSC messages")),
                 };
                 match sent {
                     Ok(()) => counters.sent(),
@@ -178,7 +183,7 @@ mod tests {
         content(whole)
     }
 
-    /// What comes to a real socket, whatever the path is said to take.
+    /// Datagrams received on a real socket, with `most_bytes` as limit.
     async fn received(most_bytes: usize) -> Vec<Vec<u8>> {
         let frame = synthetic::frame(77);
         let sent = datagrams(&frame, &frame.persons[1], most_bytes).unwrap();
@@ -196,10 +201,10 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn every_datagram_has_state_and_time_and_on_this_machine_one_holds_all_bones() {
-        let here = "127.0.0.1".parse().unwrap();
-        let afar = "192.168.1.20".parse().unwrap();
-        for (path, parts) in [(here, 1), (afar, 2)] {
+    async fn datagrams_have_state_and_time_and_locally_all_bones() {
+        let local = "127.0.0.1".parse().unwrap();
+        let remote = "192.168.1.20".parse().unwrap();
+        for (path, parts) in [(local, 1), (remote, 2)] {
             let most_bytes = most_bytes(path);
             let datagrams = received(most_bytes).await;
             assert_eq!(datagrams.len(), parts);
@@ -232,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn joints_come_out_of_unitys_own_forward_kinematics() {
+    fn unity_forward_kinematics_gives_the_joints() {
         let frame = synthetic::frame(77);
         let person = &frame.persons[1];
         let all = messages(&frame, person);
@@ -258,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn who_stands_upright_with_hanging_arms_has_turned_these_alone() {
+    fn in_a_neutral_pose_only_the_arms_are_rotated() {
         let mut pose = synthetic::person_at(1, 0);
         let neutral = Pose::neutral(Vector3::zeros(), UnitQuaternion::identity());
         pose.angles = reported_angles(&neutral).map(|v| v as f32).to_vec();

@@ -7,13 +7,14 @@
 //!    "angles": {"pelvis_tilt": 0.02, ...}, "unobserved": ["scapula_tilt_r"]}]}
 //! ```
 //!
-//! Metres, z up, right-handed; radians (the angles' three translations: metres); `time_s` is the time of the tick since the
-//! first one. `sigma_m` is one standard deviation of each joint per axis, and `null` while it is not known. States are
-//! `tentative`, `tracked` and `coasting`. What a client sends is not looked at. Newer versions may say more; a change of
-//! what is said is another `version`.
+//! Metres, z up, right-handed; radians (metres for the three translations among the angles).
+//! `time_s` is the time of the tick since the first one. `sigma_m` is one standard deviation of
+//! each joint per axis, or `null` if unknown. States are `tentative`, `tracked` and `coasting`.
+//! Messages from clients are ignored. New fields may be added; an incompatible change increments
+//! `version`.
 //!
-//! Browsers send along the page that asks (`Origin`): only pages of this machine and requests without one are answered, or
-//! any page on the web could watch through the browser of who runs the venue.
+//! Browsers send the page's `Origin`. Only pages of this machine and requests without an origin are
+//! accepted. Otherwise any website could read the stream through a browser on this machine.
 
 use std::io;
 use std::net::SocketAddr;
@@ -26,14 +27,13 @@ use serde::{Serialize, Serializer};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::Message as WebSocketMessage;
 
-use crate::connection::{Connection, Etiquette, Received, accept_connection};
+use crate::connection::{Connection, ConnectionRules, Received, accept_connection};
 use crate::frame::{Frame, PersonFrame};
 use crate::server::{listen, take_clients};
-use crate::shell::Shell;
-use crate::slot::Feed;
+use crate::slot::{Feed, Shell};
 
-/// Nothing that a client sends is looked at.
-const ETIQUETTE: Etiquette = Etiquette {
+/// All client messages are ignored.
+const RULES: ConnectionRules = ConnectionRules {
     max_incoming: 4096,
     protocols: &[],
     origins: &[],
@@ -41,11 +41,11 @@ const ETIQUETTE: Etiquette = Etiquette {
 
 /// The message of a frame.
 pub fn message(frame: &Frame) -> String {
-    // Strings and finite numbers under keys that are strings cannot fail.
-    serde_json::to_string(&Message::of(frame)).unwrap_or_default()
+    // Strings and finite numbers under string keys cannot fail.
+    serde_json::to_string(&Message::new(frame)).unwrap_or_default()
 }
 
-/// The message of one person of a frame: the fields of [`message`] with `person` in the place of `persons`.
+/// The message of one person: the fields of [`message`] with `person` instead of `persons`.
 #[cfg(feature = "zenoh")]
 pub(crate) fn message_of_person(frame: &Frame, person: &PersonFrame) -> String {
     let Message {
@@ -65,7 +65,7 @@ pub(crate) fn message_of_person(frame: &Frame, person: &PersonFrame) -> String {
         tick,
         rate_hz,
         time_s,
-        person: Person::of(person),
+        person: Person::new(person),
     };
     serde_json::to_string(&message).unwrap_or_default()
 }
@@ -88,7 +88,7 @@ struct Message<'a> {
     format: &'static str,
     version: u32,
     venue: &'a str,
-    /// A string: JavaScript's numbers have 53 bits.
+    /// A string, since JavaScript's integers have 53 bits.
     session: String,
     tick: i64,
     rate_hz: f64,
@@ -109,7 +109,7 @@ struct Person<'a> {
 }
 
 impl<'a> Person<'a> {
-    fn of(person: &'a PersonFrame) -> Self {
+    fn new(person: &'a PersonFrame) -> Self {
         Self {
             id: person.id.0,
             name: &person.name,
@@ -124,14 +124,14 @@ impl<'a> Person<'a> {
 }
 
 impl<'a> Message<'a> {
-    fn of(frame: &'a Frame) -> Self {
+    fn new(frame: &'a Frame) -> Self {
         Self {
-            persons: frame.persons.iter().map(Person::of).collect(),
+            persons: frame.persons.iter().map(Person::new).collect(),
             ..Self::head(frame)
         }
     }
 
-    /// Without anybody.
+    /// Without people.
     fn head(frame: &'a Frame) -> Self {
         Self {
             format: "farfield-poses",
@@ -146,7 +146,7 @@ impl<'a> Message<'a> {
     }
 }
 
-/// A number of six decimals: micrometres, microseconds.
+/// A number with six decimals: micrometres, microseconds.
 struct Rounded(f64);
 
 impl Serialize for Rounded {
@@ -207,15 +207,15 @@ impl Serialize for Unobserved {
     }
 }
 
-/// The message of the newest frame that a client asked for: made once, for all clients.
+/// Message of the newest requested frame, encoded once for all clients.
 #[derive(Debug, Default)]
 struct Encoded(Mutex<Option<(Arc<Frame>, Arc<str>)>>);
 
 impl Encoded {
-    fn of(&self, frame: &Arc<Frame>) -> Arc<str> {
+    fn get(&self, frame: &Arc<Frame>) -> Arc<str> {
         let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         match last.as_ref() {
-            Some((of, text)) if Arc::ptr_eq(of, frame) => Arc::clone(text),
+            Some((last, text)) if Arc::ptr_eq(last, frame) => Arc::clone(text),
             _ => {
                 let text: Arc<str> = message(frame).into();
                 *last = Some((Arc::clone(frame), Arc::clone(&text)));
@@ -225,7 +225,7 @@ impl Encoded {
     }
 }
 
-/// Serves clients at `address`; says where, as the port may have been left open.
+/// Serves clients at `address`; returns the bound address, since the port may be 0.
 pub(crate) fn serve(address: SocketAddr, shell: &Shell) -> io::Result<SocketAddr> {
     let listener = listen(address)?;
     let bound = listener.local_addr()?;
@@ -250,7 +250,7 @@ async fn serve_client(
     (feed, served)
 }
 
-/// Until the client leaves, or takes nothing for too long.
+/// Runs until the client leaves or accepts nothing for too long.
 async fn send_frames(
     socket: TcpStream,
     encoded: &Encoded,
@@ -260,7 +260,7 @@ async fn send_frames(
     let mut connection: Connection = tokio::select! {
         biased;
         () = shell.stop.cancelled() => return Ok(()),
-        connected = accept_connection(socket, ETIQUETTE) => connected?,
+        connected = accept_connection(socket, RULES) => connected?,
     };
     feed.catch_up();
     loop {
@@ -271,12 +271,12 @@ async fn send_frames(
                 return Ok(());
             }
             received = connection.receive() => match received? {
-                Received::Text(_) | Received::Something => {}
-                Received::Goodbye => return Ok(()),
+                Received::Text(_) | Received::Other => {}
+                Received::Closed => return Ok(()),
             },
             frame = feed.next() => {
                 let Some(frame) = frame else { return Ok(()) };
-                let text = WebSocketMessage::text(&*encoded.of(&frame));
+                let text = WebSocketMessage::text(&*encoded.get(&frame));
                 connection.send([text], &shell.stop).await?;
                 shell.counters.sent();
             }
@@ -290,7 +290,7 @@ mod tests {
     use crate::synthetic;
 
     #[test]
-    fn a_message_says_who_is_where_by_name() {
+    fn a_message_contains_names_states_and_joints() {
         let frame = synthetic::frame(120);
         let read: serde_json::Value = serde_json::from_str(&message(&frame)).unwrap();
         assert_eq!(read["format"], "farfield-poses");

@@ -1,4 +1,4 @@
-//! Streams over sockets: what clients of another making see, and what those that hang cannot do to others.
+//! Tests of streams over sockets: behaviour towards clients, and isolation of clients that hang.
 
 use std::error::Error;
 use std::time::Duration;
@@ -39,7 +39,7 @@ async fn packet(client: &mut TcpStream) -> Result<(u32, Vec<u8>), Box<dyn Error>
 }
 
 #[tokio::test]
-async fn a_port_that_is_taken_is_refused_by_name() -> Outcome {
+async fn a_port_in_use_is_refused_with_the_stream() -> Outcome {
     let first = started("qtm=127.0.0.1:0").await?;
     let taken = format!("qtm={}", report(&first).address);
     let refused = started(&taken).await.unwrap_err().to_string();
@@ -69,10 +69,10 @@ async fn poses_become_data_packets_and_the_end_is_announced() -> Outcome {
     client
         .write_all(&command("StreamFrames AllFrames 3D"))
         .await?;
-    // Nobody was seen yet.
+    // No people yet.
     assert_eq!(packet(&mut client).await?.0, 4);
     streams.poses(synthetic::poses_at(3, 17));
-    // People came.
+    // People arrived.
     assert_eq!(packet(&mut client).await?, (6, vec![1]));
     let (kind, content) = packet(&mut client).await?;
     assert_eq!((kind, &content[8..12]), (3, &17u32.to_le_bytes()[..]));
@@ -85,7 +85,7 @@ async fn poses_become_data_packets_and_the_end_is_announced() -> Outcome {
 }
 
 #[tokio::test]
-async fn what_is_no_packet_ends_the_connection_and_nothing_else() -> Outcome {
+async fn invalid_packets_end_only_their_connection() -> Outcome {
     let streams = started("qtm=127.0.0.1:0").await?;
     let mut client = TcpStream::connect(report(&streams).address).await?;
     packet(&mut client).await?;
@@ -93,15 +93,15 @@ async fn what_is_no_packet_ends_the_connection_and_nothing_else() -> Outcome {
         .write_all(b"GET / HTTP/1.1\r\nHost: here\r\n\r\n")
         .await?;
     assert_eq!(packet(&mut client).await?, (0, b"Parse error\0".to_vec()));
-    // With bytes left unread, the system may reset the connection in place of ending it.
+    // With unread bytes, the system may reset the connection instead of closing it.
     assert!(matches!(client.read(&mut [0; 8]).await, Ok(0) | Err(_)));
     assert!(TcpStream::connect(report(&streams).address).await.is_ok());
     Ok(())
 }
 
 #[tokio::test]
-async fn a_client_that_hangs_costs_others_no_frame() -> Outcome {
-    // 5 MB for who takes nothing: more than the system holds back.
+async fn a_hanging_client_does_not_delay_others() -> Outcome {
+    // 5 MB for the client that reads nothing: more than the system buffers.
     const TICKS: u32 = 300;
     let streams = started("qtm=127.0.0.1:0").await?;
     let address = report(&streams).address;
@@ -129,53 +129,53 @@ async fn a_client_that_hangs_costs_others_no_frame() -> Outcome {
     }
     let counted = report(&streams);
     assert_eq!(counted.clients, 2);
-    // Buffers of the system took the first frames. Whoever hangs is in the middle of one.
+    // The system's buffers took the first frames; then the hanging client blocked within one.
     assert!(counted.sent < u64::from(2 * TICKS), "{counted:?}");
     streams.stop().await;
     Ok(())
 }
 
 #[tokio::test]
-async fn who_speaks_foxgloves_protocol_is_told_of_channels_and_others_are_refused() -> Outcome {
+async fn foxglove_clients_get_channels_and_others_are_refused() -> Outcome {
     let streams = started("foxglove=127.0.0.1:0").await?;
     let address = report(&streams).address;
-    let ask = async |head: &str| -> Result<(TcpStream, String), Box<dyn Error>> {
+    let connect = async |head: &str| -> Result<(TcpStream, String), Box<dyn Error>> {
         let mut client = TcpStream::connect(address).await?;
         let request = format!(
             "GET / HTTP/1.1\r\nHost: {address}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n\
              Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n{head}\r\n"
         );
         client.write_all(request.as_bytes()).await?;
-        let mut said = vec![0; 400];
-        let n = timeout(SOON, client.read(&mut said)).await??;
-        said.truncate(n);
-        Ok((client, String::from_utf8_lossy(&said).into_owned()))
+        let mut response = vec![0; 400];
+        let n = timeout(SOON, client.read(&mut response)).await??;
+        response.truncate(n);
+        Ok((client, String::from_utf8_lossy(&response).into_owned()))
     };
-    let (_, said) = ask("").await?;
-    assert!(said.starts_with("HTTP/1.1 400"), "{said}");
+    let (_, response) = connect("").await?;
+    assert!(response.starts_with("HTTP/1.1 400"), "{response}");
     let stranger = "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\nOrigin: http://example.org\r\n";
-    let (_, said) = ask(stranger).await?;
-    assert!(said.starts_with("HTTP/1.1 403"), "{said}");
+    let (_, response) = connect(stranger).await?;
+    assert!(response.starts_with("HTTP/1.1 403"), "{response}");
     let own = "Sec-WebSocket-Protocol: other, foxglove.websocket.v1\r\nOrigin: https://app.foxglove.dev\r\n";
-    let (mut client, said) = ask(own).await?;
-    assert!(said.starts_with("HTTP/1.1 101"), "{said}");
+    let (mut client, response) = connect(own).await?;
+    assert!(response.starts_with("HTTP/1.1 101"), "{response}");
     assert!(
-        said.contains("sec-websocket-protocol: foxglove.websocket.v1\r\n"),
-        "{said}"
+        response.contains("sec-websocket-protocol: foxglove.websocket.v1\r\n"),
+        "{response}"
     );
     let mut more = vec![0; 20_000];
     let n = timeout(SOON, client.read(&mut more)).await??;
-    let said = said + &String::from_utf8_lossy(&more[..n]);
+    let response = response + &String::from_utf8_lossy(&more[..n]);
     assert!(
-        said.contains(r#"{"op":"serverInfo","name":"Farfield: synthetic""#),
-        "{said}"
+        response.contains(r#"{"op":"serverInfo","name":"Farfield: synthetic""#),
+        "{response}"
     );
     Ok(())
 }
 
 #[tokio::test]
-async fn people_have_ports_of_their_own() -> Outcome {
-    // Two ports beside each other that are free now.
+async fn people_have_their_own_ports() -> Outcome {
+    // Two adjacent free ports.
     let (first, second) = loop {
         let first = UdpSocket::bind("127.0.0.1:0").await?;
         let port = first.local_addr()?.port();
@@ -195,7 +195,7 @@ async fn people_have_ports_of_their_own() -> Outcome {
         assert!(datagram[..n].starts_with(b"#bundle\0"));
         assert_eq!(n, 1696);
     }
-    // The first goes; the second stays where it was.
+    // The first person leaves; the second keeps its port.
     poses.tick = Tick(1);
     poses.persons.remove(0);
     streams.poses(poses);
@@ -210,10 +210,7 @@ fn field(xml: &str, name: &str) -> Option<String> {
     Some(rest.split_once('<')?.0.to_owned())
 }
 
-async fn asked_of_lsl(
-    address: std::net::SocketAddr,
-    request: &str,
-) -> Result<Vec<u8>, Box<dyn Error>> {
+async fn ask_lsl(address: std::net::SocketAddr, request: &str) -> Result<Vec<u8>, Box<dyn Error>> {
     let mut client = TcpStream::connect(address).await?;
     client.write_all(request.as_bytes()).await?;
     let mut answer = Vec::new();
@@ -222,10 +219,10 @@ async fn asked_of_lsl(
 }
 
 #[tokio::test]
-async fn an_inlet_of_lsl_finds_the_stream_its_clock_and_its_samples() -> Outcome {
+async fn an_lsl_inlet_gets_the_stream_clock_and_samples() -> Outcome {
     let streams = started("lsl=127.0.0.1:0").await?;
     let address = report(&streams).address;
-    let full = String::from_utf8(asked_of_lsl(address, "LSL:fullinfo\r\n").await?)?;
+    let full = String::from_utf8(ask_lsl(address, "LSL:fullinfo\r\n").await?)?;
     assert!(full.contains("<label>p8_head_z</label>"), "{full}");
     let uid = field(&full, "uid").ok_or("no uid")?;
     let service: u16 = field(&full, "v4service_port").ok_or("no port")?.parse()?;
@@ -257,13 +254,9 @@ async fn an_inlet_of_lsl_finds_the_stream_its_clock_and_its_samples() -> Outcome
         "{times:?}"
     );
 
-    let other = asked_of_lsl(address, "LSL:streamfeed/110 another\r\n\r\n").await?;
+    let other = ask_lsl(address, "LSL:streamfeed/110 another\r\n\r\n").await?;
     assert_eq!(other, b"LSL/110 404 Not found\r\n\r\n");
-    assert!(
-        asked_of_lsl(address, "GET / HTTP/1.1\r\n\r\n")
-            .await?
-            .is_empty()
-    );
+    assert!(ask_lsl(address, "GET / HTTP/1.1\r\n\r\n").await?.is_empty());
 
     let mut client = TcpStream::connect(address).await?;
     let request =

@@ -1,7 +1,7 @@
-//! Edits of poses that were solved again under other ids: who is whom is told by who is where when.
+//! Transfers edits to poses that were solved again with other ids, by comparing positions.
 //!
-//! What an edited person of the poses before comes to among those after is counted tick by tick: of two sets of poses those belong
-//! together that are nearest to each other, and near. Only who clearly is one person is carried.
+//! The matches of an edited person with the new ids are counted tick by tick. Two poses match if
+//! each is the other's nearest, within a distance. Only unambiguous matches are transferred.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,40 +10,41 @@ use nalgebra::Vector3;
 use super::change::Change;
 use super::identities::Identities;
 
-/// Poses whose pelvises are farther apart than this are of two people, metres: half a step.
+/// Maximum distance of matching pelvises, metres: half a step.
 const NEAR_M: f64 = 0.3;
-/// Least share of the ticks of an id, of those at which somebody was before, that are one person's for the two to be the same.
+/// Minimum share of the matched ticks of a new id that must belong to one person.
 const CLEAR_SHARE: f64 = 0.9;
-/// Least share of all ticks of an id at which somebody was before.
+/// Minimum share of all ticks of a new id that must have a match.
 const MET_SHARE: f64 = 0.5;
 
-/// A body at a tick: who it is, and where the pelvis is, world, metres.
+/// A body at a tick: its id, and the pelvis in the world, metres.
 pub type Place = (u32, Vector3<f64>);
 
-/// Who is where when, before and after.
+/// Counts of matches between the old and the new poses.
 #[derive(Debug, Clone, Default)]
 pub struct Counterparts {
-    /// By id after: at how many ticks it is whom of before; `None`: somebody who is left out.
+    /// By new id: number of ticks per old person; `None` for dropped people.
     met: BTreeMap<u32, BTreeMap<Option<u32>, u64>>,
-    /// By id after: its ticks.
+    /// By new id: number of its ticks.
     ticks: BTreeMap<u32, u64>,
-    /// Pairs of ids that are there at one tick after.
+    /// Pairs of new ids that occur at the same tick.
     at_once: BTreeSet<(u32, u32)>,
-    /// By person before: the ids that it has in the poses.
+    /// By old person: its ids in the old poses.
     ids: BTreeMap<u32, BTreeSet<u32>>,
 }
 
-/// What of the edits is carried.
+/// The transferred edits.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Carried {
-    /// In the order in which they are made.
+    /// In the order in which they are applied.
     pub changes: Vec<Change>,
-    /// What is not carried, and why: lines for operators.
+    /// Edits that were not transferred, with the reason: lines for operators.
     pub left: Vec<String>,
 }
 
 impl Counterparts {
-    /// Takes a tick: the bodies `before`, which are whom the edits (`identities`) say, and those `after`, by their ids.
+    /// Adds a tick with the bodies `before`, edited by `identities`, and the bodies `after`, with
+    /// their ids.
     pub fn add(&mut self, tick: i64, before: &[Place], after: &[Place], identities: &Identities) {
         for (id, _) in before {
             if let Some(person) = identities.person_at(tick, *id) {
@@ -66,11 +67,11 @@ impl Counterparts {
         }
     }
 
-    /// The edits that `identities` come to, for the poses after. Names that bodies told are left out: they are told anew; that somebody
-    /// has taken one away is carried.
+    /// The edits for the new poses. Recognised names are omitted, since they are recognised again;
+    /// names that a user removed are transferred.
     pub fn carried(&self, identities: &Identities) -> Carried {
         let mut carried = Carried::default();
-        let mut whose = BTreeMap::<Option<u32>, Vec<u32>>::new();
+        let mut matches = BTreeMap::<Option<u32>, Vec<u32>>::new();
         for (id, met) in &self.met {
             let all: u64 = met.values().sum();
             let Some((person, most)) = met.iter().max_by_key(|(_, n)| **n) else {
@@ -78,7 +79,7 @@ impl Counterparts {
             };
             let is_met = all as f64 >= MET_SHARE * self.ticks[id] as f64;
             if is_met && *most as f64 >= CLEAR_SHARE * all as f64 {
-                whose.entry(*person).or_default().push(*id);
+                matches.entry(*person).or_default().push(*id);
             } else if met
                 .keys()
                 .any(|person| is_edited(identities, &self.ids, *person))
@@ -91,31 +92,31 @@ impl Counterparts {
             .keys()
             .filter(|it| is_edited(identities, &self.ids, Some(**it)));
         for person in edited {
-            let ids = whose.get(&Some(*person)).map_or(&[][..], Vec::as_slice);
+            let ids = matches.get(&Some(*person)).map_or(&[][..], Vec::as_slice);
             self.carry(*person, ids, identities, &mut carried);
         }
-        let left_out = whose.get(&None).into_iter().flatten();
+        let left_out = matches.get(&None).into_iter().flatten();
         carried
             .changes
             .extend(left_out.map(|person| Change::Drop { person: *person }));
         carried
     }
 
-    /// Carries merge and name of one person to the `ids` that it has after.
+    /// Transfers merges and the name of one person to its new `ids`.
     fn carry(&self, person: u32, ids: &[u32], identities: &Identities, carried: &mut Carried) {
         let is_nameless = identities.is_nameless_by_hand(person);
         let name = identities.given_name(person).or(is_nameless.then_some(""));
         let Some((first, others)) = ids.split_first() else {
-            let called = called(person, identities);
-            carried.left.push(format!("{called}: nobody clearly is"));
+            let person = description(person, identities);
+            carried.left.push(format!("{person}: no clear match"));
             return;
         };
         for other in others {
             let pair = (*first.min(other), *first.max(other));
             if self.at_once.contains(&pair) {
-                let called = called(person, identities);
-                let told = format!("{called}: found persons {first} and {other} at one tick");
-                carried.left.push(told);
+                let person = description(person, identities);
+                let line = format!("{person}: found persons {first} and {other} at one tick");
+                carried.left.push(line);
                 return;
             }
         }
@@ -135,26 +136,26 @@ impl Counterparts {
 
     fn mixed(&self, id: u32, met: &BTreeMap<Option<u32>, u64>, identities: &Identities) -> String {
         let part = |(person, ticks): (&Option<u32>, &u64)| match person {
-            Some(person) => format!("{} at {ticks} ticks", called(*person, identities)),
-            None => format!("somebody who is left out at {ticks} ticks"),
+            Some(person) => format!("{} at {ticks} ticks", description(*person, identities)),
+            None => format!("people who were left out at {ticks} ticks"),
         };
         let parts: Vec<String> = met.iter().map(part).collect();
         let all = self.ticks[&id];
         format!(
-            "person {id}, who is there at {all} ticks, is {}",
+            "person {id}, present at {all} ticks, is {}",
             parts.join(", ")
         )
     }
 }
 
-/// Who of `others` is nearest to `at_m`, and near.
+/// The nearest of `others` to `at_m`, within the maximum distance.
 fn nearest(at_m: Vector3<f64>, others: &[Place]) -> Option<Place> {
     let apart = |place: &Place| (place.1 - at_m).norm();
     let nearest = others.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)))?;
     (apart(nearest) <= NEAR_M).then_some(*nearest)
 }
 
-/// Whether edits have given the person a name or taken it away, made it of several, or left it out.
+/// Whether edits named the person, removed its name, merged or split it, or dropped it.
 fn is_edited(
     identities: &Identities,
     ids: &BTreeMap<u32, BTreeSet<u32>>,
@@ -167,7 +168,7 @@ fn is_edited(
     identities.given_name(person).is_some() || identities.is_nameless_by_hand(person) || !is_whole
 }
 
-fn called(person: u32, identities: &Identities) -> String {
+fn description(person: u32, identities: &Identities) -> String {
     match identities.given_name(person) {
         Some(name) => format!("{name} (person {person} of the recording)"),
         None => format!("person {person} of the recording"),
@@ -199,7 +200,7 @@ mod tests {
         }
     }
 
-    /// A hundred ticks at which ids stand at places along the hall.
+    /// A hundred ticks with ids at positions along the hall.
     fn carried(
         changes: impl IntoIterator<Item = Change>,
         before: impl Fn(i64) -> Vec<(u32, f64)>,
@@ -218,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_goes_to_who_stands_there() {
+    fn names_go_to_the_person_at_the_same_position() {
         let edits = [name(3, "Anna"), name(4, "Bo")];
         let found = carried(
             edits,
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_two_of_before_has_no_name_and_that_is_said() {
+    fn a_match_with_two_people_is_reported_and_not_named() {
         let edits = [name(3, "Anna"), name(4, "Bo")];
         let found = carried(
             edits,
@@ -248,12 +249,12 @@ mod tests {
             found.left[0].contains("Anna (person 3 of the recording) at 50 ticks"),
             "{found:?}"
         );
-        let nobody = |name| found.left.iter().any(|it| it.starts_with(name));
-        assert!(nobody("Anna") && nobody("Bo"), "{found:?}");
+        let is_reported = |name| found.left.iter().any(|it| it.starts_with(name));
+        assert!(is_reported("Anna") && is_reported("Bo"), "{found:?}");
     }
 
     #[test]
-    fn who_was_merged_is_one_after_too_and_who_was_left_out_is_left_out() {
+    fn merges_and_drops_are_transferred() {
         let edits = [
             Change::Merge { person: 4, into: 3 },
             name(3, "Anna"),
@@ -270,14 +271,14 @@ mod tests {
             Change::Drop { person: 9 },
         ];
         assert_eq!(found.changes, expected);
-        // Where the two are one already there is nothing to merge.
+        // If both have the same new id, nothing needs to be merged.
         let found = carried(edits, before, |_| vec![(1, 0.0)]);
         assert_eq!(found.changes, [name(1, "Anna")]);
     }
 
-    /// Once the body told the name again under the new id, and who had been told to be nobody of that name was.
+    /// Regression: a name that a user had rejected was recognised again for the new id.
     #[test]
-    fn that_a_body_told_the_wrong_name_is_carried() {
+    fn removed_names_are_transferred() {
         let guess = || Change::Guess {
             person: 3,
             name: "Anna".to_owned(),
@@ -287,20 +288,20 @@ mod tests {
             let found = carried([guess(), taken_back.clone()], before, after);
             assert_eq!(found.changes, [name(1, "")], "{taken_back:?}");
             let elsewhere = carried([guess(), taken_back], before, |_| vec![(1, 3.0)]);
-            let told = ["person 3 of the recording: nobody clearly is"];
-            assert_eq!(elsewhere.left, told);
+            let expected = ["person 3 of the recording: no clear match"];
+            assert_eq!(elsewhere.left, expected);
         }
-        // Whoever has a name since has that.
+        // A later name wins.
         let found = carried([guess(), name(3, ""), name(3, "Bo")], before, after);
         assert_eq!(found.changes, [name(1, "Bo")]);
-        // It goes with whom the person was merged with.
+        // A removed name is merged too.
         let merged = [guess(), name(3, ""), Change::Merge { person: 3, into: 4 }];
         let found = carried(merged, before, after);
         assert_eq!(found.changes, [name(1, "")]);
     }
 
     #[test]
-    fn what_a_body_told_is_not_carried_and_who_is_elsewhere_is_nobody() {
+    fn recognised_names_and_unmatched_people_are_not_transferred() {
         let guess = Change::Guess {
             person: 3,
             name: "Anna".to_owned(),
@@ -311,7 +312,7 @@ mod tests {
         assert!(found.changes.is_empty());
         assert_eq!(
             found.left,
-            ["Anna (person 3 of the recording): nobody clearly is"]
+            ["Anna (person 3 of the recording): no clear match"]
         );
     }
 }

@@ -8,64 +8,65 @@ pub use farfield_proto::person_name::{MOST_NAME_CHARACTERS, check_name};
 use farfield_proto::toml_file::FileError;
 use serde::{Deserialize, Serialize};
 
-/// Most characters of the time of an edit.
+/// Maximum length of the time of an edit, characters.
 const MOST_TIME_CHARACTERS: usize = 40;
 
 /// An edit with its time.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Edit {
-    /// When it was made, for people: RFC 3339 as written by us. Edits are in force in the order of the file, whatever they say.
+    /// Time of the edit, for people: RFC 3339 if written by us. Edits apply in the order of the
+    /// file, independent of the time.
     pub at: String,
-    /// What it changes.
+    /// The change.
     pub change: Change,
 }
 
-/// What an edit changes. Persons are those of the poses, or new ones of earlier splits.
+/// The change of an edit. Persons are ids of the poses, or new ids of earlier splits.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Change {
-    /// A person is called so; an empty name takes the name away.
+    /// Names a person; an empty name removes the name.
     Name {
-        /// Who.
+        /// The person.
         person: u32,
-        /// At most [`MOST_NAME_CHARACTERS`], no control characters.
+        /// At most [`MOST_NAME_CHARACTERS`], without control characters.
         name: String,
     },
-    /// Fusion takes a person for a subject of the venue, by the body. A name that was given by hand wins.
+    /// Fusion recognises a subject of the venue by the body. A name given by a user wins.
     Guess {
-        /// Who.
+        /// The person.
         person: u32,
-        /// As [`Self::Name`], and not empty.
+        /// As for [`Self::Name`], and not empty.
         name: String,
     },
     /// Two ids are one person.
     Merge {
-        /// The id that goes.
+        /// The id that disappears.
         person: u32,
-        /// The id that both have from then on.
+        /// The id that remains.
         into: u32,
     },
-    /// From a tick on an id is somebody else.
+    /// From a tick on, an id is another person.
     Split {
-        /// Who keeps the id before the tick.
+        /// The person that keeps the id before the tick.
         person: u32,
-        /// The first tick of the other.
+        /// The first tick of the other person.
         tick: i64,
-        /// The id of the other, which nobody had.
+        /// The id of the other person, unused so far.
         new: u32,
     },
-    /// A person is left out.
+    /// Drops a person.
     Drop {
-        /// Who.
+        /// The person.
         person: u32,
     },
-    /// An earlier edit is taken back.
+    /// Undoes an earlier edit.
     Undo {
         /// Its number: its line in the file, from 1.
         number: usize,
     },
 }
 
-/// What may stand in a line.
+/// The fields of a line.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Fields {
@@ -85,11 +86,11 @@ struct Fields {
     number: Option<usize>,
 }
 
-/// The field that is wrong, where one is, and what was found and expected.
+/// The invalid field, if known, and the problem.
 pub(super) type Fault = (Option<&'static str>, String);
 
 impl Edit {
-    /// The edit of a line.
+    /// Parses a line.
     pub(super) fn read(line: &str) -> Result<Self, Fault> {
         let fields: Fields = serde_json::from_str(line).map_err(|e| (None, e.to_string()))?;
         let edit = Self {
@@ -100,11 +101,11 @@ impl Edit {
         Ok(edit)
     }
 
-    /// Why it cannot be a line of the file, if it cannot.
+    /// Checks whether the edit is a valid line of the file.
     pub(super) fn check(&self) -> Result<(), Fault> {
-        let is_time = self.at.chars().count() <= MOST_TIME_CHARACTERS
+        let is_valid_time = self.at.chars().count() <= MOST_TIME_CHARACTERS
             && !self.at.chars().any(char::is_control);
-        if !is_time {
+        if !is_valid_time {
             let problem = format!("found {:?}, expected a time of day", self.at);
             return Err((Some("at"), problem));
         }
@@ -127,11 +128,11 @@ impl Edit {
         }
     }
 
-    /// The line, with its end.
+    /// The line, including its end.
     pub fn line(&self) -> String {
         let mut fields = Fields {
             at: self.at.clone(),
-            edit: self.change.word().to_owned(),
+            edit: self.change.name().to_owned(),
             person: None,
             name: None,
             into: None,
@@ -202,7 +203,7 @@ impl Fields {
         })
     }
 
-    /// Refuses fields of another kind of edit: whoever wrote them meant something by them.
+    /// Refuses fields of another kind of edit, since their author intended something.
     fn check_no_more(&self, change: &Change) -> Result<(), Fault> {
         let wanted: &[&str] = match change {
             Change::Name { .. } | Change::Guess { .. } => &["person", "name"],
@@ -211,7 +212,7 @@ impl Fields {
             Change::Drop { .. } => &["person"],
             Change::Undo { .. } => &["number"],
         };
-        let there = [
+        let present = [
             ("person", self.person.is_some()),
             ("name", self.name.is_some()),
             ("into", self.into.is_some()),
@@ -219,9 +220,9 @@ impl Fields {
             ("new", self.new.is_some()),
             ("number", self.number.is_some()),
         ];
-        let more = there
+        let more = present
             .into_iter()
-            .find(|(field, is_there)| *is_there && !wanted.contains(field));
+            .find(|(field, is_present)| *is_present && !wanted.contains(field));
         more.map_or(Ok(()), |(field, _)| {
             let problem = format!("found it with the edit `{}`, expected none", self.edit);
             Err((Some(field), problem))
@@ -231,7 +232,7 @@ impl Fields {
 
 impl Change {
     /// Its name in the file.
-    fn word(&self) -> &'static str {
+    fn name(&self) -> &'static str {
         match self {
             Self::Name { .. } => "name",
             Self::Guess { .. } => "guess",
@@ -259,7 +260,7 @@ impl fmt::Display for Change {
     }
 }
 
-/// Why an edit cannot be: which, and what stands against it.
+/// Why an edit is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("edit {number}: {problem}")]
 pub struct RefusedEdit {
@@ -270,7 +271,7 @@ pub struct RefusedEdit {
 }
 
 impl RefusedEdit {
-    /// The same, as a fault of the file at `path`.
+    /// The error with the file and the line.
     pub fn in_file(self, path: &Path) -> FileError {
         FileError::new(path, self.problem).at_line(self.number)
     }

@@ -1,23 +1,22 @@
-//! What all edits come to: who of the poses is whom, and what they are called.
+//! The combined effect of all edits: which person each pose belongs to, and the names of people.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use super::change::{Change, RefusedEdit};
-use super::roll::{PersonRoll, Roll, common, ticks_in_words};
 
-/// Who of the poses is whom. Without edits everybody is who they are.
+/// Maps ids of poses to people. Without edits every id is a person.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Identities {
-    /// Per id of the poses that an edit has to do with: from which tick on it is whom (`None`: left out), ascending; the first is
-    /// from the beginning.
+    /// By id, for ids that edits affect: the person from a tick on (`None` if dropped), ascending;
+    /// the first entry applies from the beginning.
     pieces: BTreeMap<u32, Vec<(i64, Option<u32>)>>,
-    /// Ids that splits have made.
+    /// Ids created by splits.
     made: BTreeSet<u32>,
     names: BTreeMap<u32, String>,
-    /// Whose name nobody has given: the body told it.
+    /// People whose name comes from body recognition, not from a user.
     guessed: BTreeSet<u32>,
-    /// Whose name somebody has taken away: that of a body is not wanted.
+    /// People whose name a user removed, so that recognised names are not used.
     nameless: BTreeSet<u32>,
 }
 
@@ -25,9 +24,10 @@ pub struct Identities {
 const BEGINNING: i64 = i64::MIN;
 
 impl Identities {
-    /// Applies the changes that are `in_force`, with their numbers, in order; see [`EditList::identities`](super::EditList::identities).
-    /// `ever_made`: all new ids of splits, of those that were undone too.
-    pub(super) fn of(
+    /// Applies the changes that are `in_force`, with their numbers, in order; see
+    /// [`EditList::identities`](super::EditList::identities). `ever_made` are all new ids of
+    /// splits, including undone ones.
+    pub(super) fn from_changes(
         in_force: &[(usize, &Change)],
         ever_made: &BTreeSet<u32>,
         roll: Option<&Roll>,
@@ -43,7 +43,7 @@ impl Identities {
         Ok(identities)
     }
 
-    /// Whom the pose of `id` at `tick` shows; `None`: nobody who is to be seen.
+    /// The person of the pose of `id` at `tick`; `None` if dropped.
     pub fn person_at(&self, tick: i64, id: u32) -> Option<u32> {
         let Some(pieces) = self.pieces.get(&id) else {
             return Some(id);
@@ -58,18 +58,18 @@ impl Identities {
         &self.names
     }
 
-    /// The name that somebody has given to a person: none that the body told.
+    /// The name that a user gave to a person; not one from body recognition.
     pub fn given_name(&self, person: u32) -> Option<&str> {
         let name = self.names.get(&person).map(String::as_str);
         name.filter(|_| !self.guessed.contains(&person))
     }
 
-    /// Whether somebody has taken the name of a person away, and given none since.
+    /// Whether a user removed the name of a person and gave none since.
     pub fn is_nameless_by_hand(&self, person: u32) -> bool {
         self.nameless.contains(&person)
     }
 
-    /// Notes that names which bodies told were taken back, of those who have none.
+    /// Records that recognised names were undone, for people without a name.
     pub(super) fn take_back(&mut self, guessed: impl Iterator<Item = u32>) {
         for person in guessed {
             if !self.names.contains_key(&person) && self.is_there(person) {
@@ -78,25 +78,26 @@ impl Identities {
         }
     }
 
-    /// Whether a split has made this id: the poses must not have it then.
+    /// Whether a split created this id; then the poses must not contain it.
     pub fn has_made(&self, id: u32) -> bool {
         self.made.contains(&id)
     }
 
-    /// What those of the poses are called who are one person throughout, by the ids of the poses: for who shows them as they are.
+    /// Names by ids of poses, for ids that are one person throughout; for callers that show
+    /// unedited poses.
     pub fn names_of_poses(&self, ids: impl IntoIterator<Item = u32>) -> BTreeMap<u32, String> {
         let name = |id: u32| Some((id, self.names.get(&self.whole(id)?)?.clone()));
         ids.into_iter().filter_map(name).collect()
     }
 
-    /// All ids of the poses that edits have to do with.
+    /// All ids of poses that edits affect.
     pub fn edited_ids(&self) -> impl Iterator<Item = u32> {
         let named = self.names.keys().filter(|id| !self.made.contains(id));
         let all: BTreeSet<u32> = self.pieces.keys().chain(named).copied().collect();
         all.into_iter()
     }
 
-    /// Who `id` of the poses is, where that is one person all the time.
+    /// The person of `id`, if it is one person throughout.
     pub fn whole(&self, id: u32) -> Option<u32> {
         match self.pieces.get(&id).map(Vec::as_slice) {
             None => Some(id),
@@ -105,7 +106,7 @@ impl Identities {
         }
     }
 
-    /// The `ticks` of `id` by who it is at them, in order.
+    /// Splits the `ticks` of `id` by person, in order.
     pub(super) fn pieces(&self, id: u32, ticks: &Range<i64>) -> Vec<(Range<i64>, Option<u32>)> {
         let Some(pieces) = self.pieces.get(&id) else {
             return vec![(ticks.clone(), Some(id))];
@@ -119,7 +120,8 @@ impl Identities {
         clipped.filter(|(ticks, _)| !ticks.is_empty()).collect()
     }
 
-    /// When each person is there of `roll` by these identities, stretches ascending; of a tick that two poses have, twice.
+    /// The stretches of ticks of each edited person of `roll`, ascending; ticks with two poses
+    /// occur twice.
     pub fn edited(&self, roll: &Roll) -> BTreeMap<u32, Vec<Range<i64>>> {
         let mut people = BTreeMap::<u32, Vec<Range<i64>>>::new();
         for (&id, stretches) in &roll.stretches {
@@ -137,7 +139,7 @@ impl Identities {
         people
     }
 
-    /// The table: everybody of `roll` by these identities.
+    /// The table of all edited people of `roll`.
     pub fn people(&self, roll: &Roll) -> BTreeMap<u32, PersonRoll> {
         let edited = self.edited(roll).into_iter();
         let rows = edited.filter_map(|(person, stretches)| {
@@ -160,13 +162,14 @@ impl Identities {
         rows.collect()
     }
 
-    /// Whether poses can be of `person`, and an edit can name it: an id that nothing is known of may be there.
+    /// Whether poses can belong to `person`, so that an edit may use it. Ids that are not in any
+    /// edit may exist.
     pub fn is_there(&self, person: u32) -> bool {
-        let is_somebody = |pieces: &Vec<(i64, Option<u32>)>| {
-            pieces.iter().any(|(_, somebody)| *somebody == Some(person))
+        let contains_person = |pieces: &Vec<(i64, Option<u32>)>| {
+            pieces.iter().any(|(_, owner)| *owner == Some(person))
         };
         let is_untouched = !self.pieces.contains_key(&person) && !self.made.contains(&person);
-        is_untouched || self.pieces.values().any(is_somebody)
+        is_untouched || self.pieces.values().any(contains_person)
     }
 
     fn apply(&mut self, change: &Change) -> Result<(), String> {
@@ -175,7 +178,7 @@ impl Identities {
                 return Ok(());
             }
             Err(format!(
-                "found person {person}, who is not there any more: merged, or left out"
+                "found person {person}, which was merged or left out"
             ))
         };
         match *change {
@@ -225,7 +228,8 @@ impl Identities {
         Ok(())
     }
 
-    /// Who was two is called as `into`, where that has a name of the better kind, or of the same: given by hand, then guessed.
+    /// Merges names: the name of `into` is kept unless only the other one exists or is of a better
+    /// kind. Names by users are better than recognised names.
     fn join_names(&mut self, person: u32, into: u32) {
         let is_guess = self.guessed.remove(&person);
         let was_nameless = self.nameless.remove(&person);
@@ -247,28 +251,28 @@ impl Identities {
         }
     }
 
-    /// Gives every piece that is `person` to whom `by` says, by its first tick.
+    /// Replaces the owner of every piece of `person` by the result of `by` for its first tick.
     fn replace(&mut self, person: u32, by: impl Fn(i64) -> Option<u32>) {
         self.touch(person);
         for pieces in self.pieces.values_mut() {
-            for (from, somebody) in pieces.iter_mut() {
-                if *somebody == Some(person) {
-                    *somebody = by(*from);
+            for (from, owner) in pieces.iter_mut() {
+                if *owner == Some(person) {
+                    *owner = by(*from);
                 }
             }
-            pieces.dedup_by_key(|(_, somebody)| *somebody);
+            pieces.dedup_by_key(|(_, owner)| *owner);
         }
     }
 
-    /// Lets pieces of `person` begin at `tick`.
+    /// Starts a new piece of `person` at `tick`.
     fn cut(&mut self, person: u32, tick: i64) {
         self.touch(person);
         for pieces in self.pieces.values_mut() {
             let after = pieces.partition_point(|(from, _)| *from < tick);
             let begins = pieces.get(after).is_some_and(|(from, _)| *from == tick);
             let before = after.checked_sub(1).and_then(|i| pieces.get(i).copied());
-            if let Some((_, Some(somebody))) = before
-                && somebody == person
+            if let Some((_, Some(owner))) = before
+                && owner == person
                 && !begins
             {
                 pieces.insert(after, (tick, Some(person)));
@@ -276,7 +280,7 @@ impl Identities {
         }
     }
 
-    /// Keeps pieces of `person`, if that is one of the poses.
+    /// Creates the initial piece of `person`, if it is an id of the poses.
     fn touch(&mut self, person: u32) {
         if !self.made.contains(&person) {
             let whole = || vec![(BEGINNING, Some(person))];
@@ -284,7 +288,7 @@ impl Identities {
         }
     }
 
-    /// Holds a change against who is there.
+    /// Checks a change against the people that exist.
     fn check(&self, change: &Change, roll: &Roll, ever_made: &BTreeSet<u32>) -> Result<(), String> {
         let people = self.edited(roll);
         let stretches = |person: u32| {
@@ -297,7 +301,7 @@ impl Identities {
             Change::Name { person, .. }
             | Change::Guess { person, .. }
             | Change::Drop { person } => {
-                // The page names whom it shows; these poses may lack somebody of them, and lose nothing by that.
+                // The page may name people that these poses lack, which does no harm.
                 let is_elsewhere =
                     !roll.has(person) && !ever_made.contains(&person) && self.is_there(person);
                 if !is_elsewhere {
@@ -309,7 +313,7 @@ impl Identities {
                 if !both.is_empty() {
                     return Err(format!(
                         "found persons {person} and {into} both at {}, expected one of them at a time",
-                        ticks_in_words(&both)
+                        describe_ticks(&both)
                     ));
                 }
             }
@@ -327,11 +331,98 @@ impl Identities {
                     ));
                 }
                 if roll.has(new) || people.contains_key(&new) {
-                    return Err(format!("found {new} as the new id, which somebody has"));
+                    return Err(format!("found {new} as the new id, which is in use"));
                 }
             }
             Change::Undo { .. } => {}
         }
         Ok(())
     }
+}
+
+/// Maximum number of stretches per person; further gaps are ignored.
+const MOST_STRETCHES: usize = 100_000;
+
+/// Presence by ids of the poses.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Roll {
+    /// Stretches of ticks with poses, by person, ascending and disjoint.
+    stretches: BTreeMap<u32, Vec<Range<i64>>>,
+}
+
+/// Presence of one person after edits.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PersonRoll {
+    /// First and last tick with a pose.
+    pub span: [i64; 2],
+    /// Ticks with a pose.
+    pub ticks: u64,
+    /// Stretches of ticks without a pose between the first and the last.
+    pub gaps: usize,
+}
+
+impl Roll {
+    /// Adds a pose of `id` at `tick`. Ticks of a person must increase.
+    pub fn add(&mut self, tick: i64, id: u32) {
+        let stretches = self.stretches.entry(id).or_default();
+        let is_full = stretches.len() >= MOST_STRETCHES;
+        match stretches.last_mut() {
+            Some(last) if is_full || last.end >= tick => last.end = tick.saturating_add(1),
+            _ => stretches.push(tick..tick.saturating_add(1)),
+        }
+    }
+
+    /// All ids of the poses.
+    pub fn ids(&self) -> impl DoubleEndedIterator<Item = u32> {
+        self.stretches.keys().copied()
+    }
+
+    /// Number of ids.
+    pub fn n_ids(&self) -> usize {
+        self.stretches.len()
+    }
+
+    /// Whether the poses have that id.
+    pub fn has(&self, id: u32) -> bool {
+        self.stretches.contains_key(&id)
+    }
+}
+
+/// The intersections of two lists of stretches.
+fn common(a: &[Range<i64>], b: &[Range<i64>]) -> Vec<Range<i64>> {
+    let (mut i, mut j) = (0, 0);
+    let mut common = Vec::new();
+    while let (Some(x), Some(y)) = (a.get(i), b.get(j)) {
+        let both = x.start.max(y.start)..x.end.min(y.end);
+        if !both.is_empty() {
+            common.push(both);
+        }
+        if x.end <= y.end {
+            i += 1;
+        } else {
+            j += 1;
+        }
+    }
+    common
+}
+
+/// Describes ticks: the first few stretches, and the total number.
+fn describe_ticks(stretches: &[Range<i64>]) -> String {
+    const MAX_SHOWN: usize = 3;
+    let stretch = |ticks: &Range<i64>| match ticks.end.abs_diff(ticks.start) {
+        1 => ticks.start.to_string(),
+        _ => format!("{} to {}", ticks.start, ticks.end - 1),
+    };
+    let shown: Vec<String> = stretches.iter().take(MAX_SHOWN).map(stretch).collect();
+    let more = if stretches.len() > MAX_SHOWN {
+        ", ..."
+    } else {
+        ""
+    };
+    let n: u64 = stretches
+        .iter()
+        .map(|ticks| ticks.end.abs_diff(ticks.start))
+        .sum();
+    let plural = if n == 1 { "tick" } else { "ticks" };
+    format!("{plural} {}{more} ({n} in all)", shown.join(", "))
 }

@@ -1,4 +1,4 @@
-//! The file of edits: a line each, only ever appended to.
+//! The file of edits: one line each, append-only.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -7,35 +7,34 @@ use farfield_fusion::export::EDITS;
 use farfield_proto::toml_file::FileError;
 
 use super::change::{Change, Edit, RefusedEdit, check_name};
-use super::identities::Identities;
-use super::roll::Roll;
+use super::identities::{Identities, Roll};
 
-/// Most lines that are read.
+/// Maximum number of lines.
 const MOST_LINES: usize = 100_000;
 
-/// The edits of a file, in its order.
+/// The edits of a file, in order.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct EditList {
-    /// Each with its line, from 1, which is its number.
+    /// Each with its number, which is its line, from 1.
     edits: Vec<(usize, Edit)>,
-    /// The numbers of those that were taken back.
+    /// The numbers of undone edits.
     undone: BTreeSet<usize>,
     n_lines: usize,
     has_torn_line: bool,
 }
 
-/// Where the edits of the run in `folder` are.
+/// Path of the edits of the run in `folder`.
 pub fn of_run(folder: &Path) -> PathBuf {
     folder.join(EDITS)
 }
 
-/// Where the edits of a recording are: beside it, `hall.edits.jsonl` for `hall.mcap`.
+/// Path of the edits of a recording: next to it, `hall.edits.jsonl` for `hall.mcap`.
 pub fn of_recording(recording: &Path) -> PathBuf {
     recording.with_extension(EDITS)
 }
 
-/// What of `text` was written to its end. A last line without its end that is the beginning of an edit was broken off as it was written, as
-/// when the power fails: it is as if it had not been.
+/// The complete lines of `text`. An incomplete last line that looks like the start of an edit was
+/// cut off, for example by a power failure, and is ignored.
 pub(crate) fn whole_lines(text: &str) -> &str {
     let begin = text.rfind('\n').map_or(0, |at| at + 1);
     let (before, last) = text.split_at_checked(begin).unwrap_or((text, ""));
@@ -45,10 +44,11 @@ pub(crate) fn whole_lines(text: &str) -> &str {
 }
 
 impl EditList {
-    /// The edits of `text`, the content of `path`; blank lines are left out, and a last one that is torn ([`Self::has_torn_line`]).
+    /// Parses the edits in `text`, the content of `path`. Blank lines and an incomplete last line
+    /// ([`Self::has_torn_line`]) are skipped.
     ///
     /// # Errors
-    /// The first line that is none, or takes back what is not in force.
+    /// The first invalid line, or undo of an edit that is not in force.
     pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
         let whole = whole_lines(text);
         let mut list = Self {
@@ -80,22 +80,23 @@ impl EditList {
         Ok(list)
     }
 
-    /// All edits with their numbers, undone ones and undos among them.
+    /// All edits with their numbers, including undone ones and undos.
     pub fn all(&self) -> impl DoubleEndedIterator<Item = (usize, &Edit)> {
         self.edits.iter().map(|(number, edit)| (*number, edit))
     }
 
-    /// Whether the file ends with half a line, which was left out: the next one takes its place.
+    /// Whether the file ends with an incomplete line, which was ignored and will be replaced by the
+    /// next one.
     pub fn has_torn_line(&self) -> bool {
         self.has_torn_line
     }
 
-    /// Whether there are none.
+    /// Whether there are no edits.
     pub fn is_empty(&self) -> bool {
         self.edits.is_empty()
     }
 
-    /// What is in force, in order: without undos and what they took back.
+    /// The edits in force, in order: without undos and undone edits.
     pub fn in_force(&self) -> Vec<(usize, &Change)> {
         self.all()
             .filter(|(number, edit)| {
@@ -105,18 +106,19 @@ impl EditList {
             .collect()
     }
 
-    /// What is in force applied, in order; where it is known who is there (`roll`), edits are held against it.
+    /// Applies the edits in force, in order. If the presence of people (`roll`) is given, edits are
+    /// checked against it.
     ///
     /// # Errors
-    /// The first edit that has no ground: of somebody who is not there any more, or (by `roll`) never was, of two who are there at
-    /// one tick, of a new id that somebody has.
+    /// The first edit that is impossible: of a person that no longer exists or (by `roll`) never
+    /// existed, a merge of people present at the same tick, or a new id in use.
     pub fn identities(&self, roll: Option<&Roll>) -> Result<Identities, RefusedEdit> {
         let made = |(_, edit): (usize, &Edit)| match edit.change {
             Change::Split { new, .. } => Some(new),
             _ => None,
         };
         let ever_made = self.all().filter_map(made).collect();
-        let mut identities = Identities::of(&self.in_force(), &ever_made, roll)?;
+        let mut identities = Identities::from_changes(&self.in_force(), &ever_made, roll)?;
         let undone = self
             .all()
             .filter(|(number, _)| self.undone.contains(number));
@@ -132,9 +134,9 @@ impl EditList {
         self.n_lines + 1
     }
 
-    /// The largest id that any edit names.
+    /// The largest id in any edit.
     pub fn largest_id(&self) -> Option<u32> {
-        let of = |(_, edit): (usize, &Edit)| match edit.change {
+        let id_of = |(_, edit): (usize, &Edit)| match edit.change {
             Change::Name { person, .. }
             | Change::Guess { person, .. }
             | Change::Drop { person } => Some(person),
@@ -142,13 +144,14 @@ impl EditList {
             Change::Split { person, new, .. } => Some(person.max(new)),
             Change::Undo { .. } => None,
         };
-        self.all().filter_map(of).max()
+        self.all().filter_map(id_of).max()
     }
 
-    /// The same with one more; who is there (`roll`) decides whether it can be, where that is known.
+    /// Returns the list with one more edit, checked against the presence of people (`roll`) if
+    /// given.
     ///
     /// # Errors
-    /// Why it cannot be: of this edit, or of a later one that an undo would leave without ground.
+    /// If this edit is impossible, or an undo makes a later edit impossible.
     pub fn with(&self, edit: Edit, roll: Option<&Roll>) -> Result<Self, RefusedEdit> {
         let number = self.next_number();
         let refused = |problem| RefusedEdit { number, problem };
@@ -164,9 +167,9 @@ impl EditList {
         if let (Some(roll), Change::Name { person, .. } | Change::Drop { person }) =
             (roll, &edit.change)
         {
-            let there = self.identities(Some(roll))?.edited(roll);
-            if !there.contains_key(person) {
-                let known: Vec<&u32> = there.keys().collect();
+            let people = self.identities(Some(roll))?.edited(roll);
+            if !people.contains_key(person) {
+                let known: Vec<&u32> = people.keys().collect();
                 return Err(refused(format!(
                     "found person {person}, expected one of {known:?}"
                 )));
@@ -176,7 +179,7 @@ impl EditList {
             self.check_undo(number).map_err(refused)?;
         }
         let mut list = self.clone();
-        // It is written in the place of half a line.
+        // It replaces an incomplete line.
         list.has_torn_line = false;
         let is_undo = match edit.change {
             Change::Undo { number } => list.undone.insert(number),

@@ -1,14 +1,14 @@
-//! What edits come to.
+//! Tests of the combined effect of edits.
 
 use std::path::Path;
 
 use proptest::prelude::*;
 
 use super::change::check_name;
-use super::roll::PersonRoll;
+use super::identities::PersonRoll;
 use super::{Change, Edit, EditList, Identities, Roll};
 
-/// Persons 3 and 7 one after the other, 9 beside both with a gap.
+/// Persons 3 and 7 one after the other; 9 overlaps both and has a gap.
 fn roll() -> Roll {
     let mut roll = Roll::default();
     for tick in 0..300 {
@@ -56,12 +56,12 @@ fn refused(changes: &[Change]) -> String {
 }
 
 #[test]
-fn two_ids_that_are_never_there_together_become_one_person() {
+fn ids_that_never_overlap_can_be_merged() {
     let list = list([name(7, "Anna"), Change::Merge { person: 7, into: 3 }]);
     let identities = list.identities(Some(&roll())).unwrap();
     assert_eq!(identities.person_at(200, 7), Some(3));
     assert_eq!(identities.person_at(50, 3), Some(3));
-    // Who has no name takes that of the other.
+    // The name of the merged id is kept.
     assert_eq!(identities.names(), &[(3, "Anna".to_owned())].into());
     let people = identities.people(&roll());
     let expected = PersonRoll {
@@ -74,16 +74,16 @@ fn two_ids_that_are_never_there_together_become_one_person() {
 }
 
 #[test]
-fn who_is_there_twice_is_not_one_person() {
-    let told = refused(&[Change::Merge { person: 9, into: 3 }]);
+fn overlapping_ids_cannot_be_merged() {
+    let error = refused(&[Change::Merge { person: 9, into: 3 }]);
     assert_eq!(
-        told,
+        error,
         "edits.jsonl:1: found persons 9 and 3 both at ticks 0 to 39, 50 to 99 (90 in all), expected one of them at a time"
     );
 }
 
 #[test]
-fn a_split_gives_the_rest_another_id_which_can_be_named_and_merged() {
+fn a_split_creates_an_id_that_can_be_named_and_merged() {
     let split = Change::Split {
         person: 9,
         tick: 120,
@@ -105,22 +105,22 @@ fn a_split_gives_the_rest_another_id_which_can_be_named_and_merged() {
         [Some(9), Some(10), Some(10), Some(11)]
     );
     assert!(identities.has_made(11) && identities.whole(9).is_none());
-    let told = refused(&[Change::Split {
+    let error = refused(&[Change::Split {
         person: 3,
         tick: 100,
         new: 10,
     }]);
     assert!(
-        told.contains("found tick 100, expected one from 1 to 99"),
-        "{told}"
+        error.contains("found tick 100, expected one from 1 to 99"),
+        "{error}"
     );
-    let told = refused(&[Change::Split {
+    let error = refused(&[Change::Split {
         person: 3,
         tick: 50,
         new: 7,
     }]);
-    assert!(told.contains("found 7 as the new id"), "{told}");
-    // Back together.
+    assert!(error.contains("found 7 as the new id"), "{error}");
+    // Merged again.
     let merged = [
         split,
         Change::Merge {
@@ -133,39 +133,42 @@ fn a_split_gives_the_rest_another_id_which_can_be_named_and_merged() {
 }
 
 #[test]
-fn who_is_left_out_or_merged_cannot_be_edited_any_more() {
+fn dropped_and_merged_people_cannot_be_edited() {
     for gone in [
         Change::Drop { person: 7 },
         Change::Merge { person: 7, into: 3 },
     ] {
         let list = list([gone.clone(), name(7, "Anna")]);
-        let told = list.identities(None).unwrap_err().to_string();
+        let error = list.identities(None).unwrap_err().to_string();
         assert!(
-            told.starts_with("edit 2: found person 7, who is not there any more"),
-            "{told}"
+            error.starts_with("edit 2: found person 7, which was merged"),
+            "{error}"
         );
-        let told = refused(&[gone, name(7, "Anna")]);
+        let error = refused(&[gone, name(7, "Anna")]);
         assert!(
-            told.contains("edits.jsonl:2: found person 7, expected one of [3, 9]"),
-            "{told}"
+            error.contains("edits.jsonl:2: found person 7, expected one of [3, 9]"),
+            "{error}"
         );
     }
 }
 
 #[test]
-fn a_name_of_somebody_whom_the_poses_lack_is_borne_in_the_file_and_refused_anew() {
+fn names_of_unknown_people_are_read_but_not_added() {
     let list = list([name(77, "Anna"), name(3, "Bo")]);
     let identities = list.identities(Some(&roll())).unwrap();
     assert_eq!(identities.names().get(&3).map(String::as_str), Some("Bo"));
     let undo = edit(Change::Undo { number: 1 });
     assert_eq!(list.with(undo, Some(&roll())).unwrap().in_force().len(), 1);
-    let anew = list.with(edit(name(78, "Cy")), Some(&roll()));
-    let told = anew.unwrap_err().to_string();
-    assert!(told.contains("found person 78, expected one of"), "{told}");
+    let new_edit = list.with(edit(name(78, "Cy")), Some(&roll()));
+    let error = new_edit.unwrap_err().to_string();
+    assert!(
+        error.contains("found person 78, expected one of"),
+        "{error}"
+    );
 }
 
 #[test]
-fn an_undo_that_would_leave_a_later_edit_without_ground_is_refused() {
+fn an_undo_that_invalidates_a_later_edit_is_refused() {
     let split = Change::Split {
         person: 9,
         tick: 120,
@@ -173,28 +176,28 @@ fn an_undo_that_would_leave_a_later_edit_without_ground_is_refused() {
     };
     let list = list([split, name(10, "Bo")]);
     let undo = |number| edit(Change::Undo { number });
-    let told = list.with(undo(1), Some(&roll())).unwrap_err().to_string();
+    let error = list.with(undo(1), Some(&roll())).unwrap_err().to_string();
     assert_eq!(
-        told,
+        error,
         "edit 3: edit 2: found person 10, expected one of [3, 7, 9]: undo edit 2 before"
     );
     let list = list.with(undo(2), Some(&roll())).unwrap();
     let list = list.with(undo(1), Some(&roll())).unwrap();
     assert!(list.in_force().is_empty());
-    for (number, told) in [
+    for (number, error) in [
         (1, "undone already"),
         (3, "is an undo"),
         (9, "an edit before"),
     ] {
         let refused = list.with(undo(number), None).unwrap_err().to_string();
-        assert!(refused.contains(told), "{refused}");
+        assert!(refused.contains(error), "{refused}");
     }
 }
 
 #[test]
-fn a_line_that_is_none_is_named_with_its_field() {
+fn invalid_lines_are_refused_with_their_field() {
     let good = edit(name(3, "Anna")).line();
-    for (line, told) in [
+    for (line, error) in [
         ("{", "edits.jsonl:3: EOF while parsing"),
         (
             r#"{"at":"now","edit":"rename","person":3}"#,
@@ -231,13 +234,13 @@ fn a_line_that_is_none_is_named_with_its_field() {
     ] {
         let text = format!("{good}\n{line}\n");
         let refused = EditList::parse(&text, Path::new("edits.jsonl")).unwrap_err();
-        assert!(refused.to_string().contains(told), "{refused}\n{told}");
+        assert!(refused.to_string().contains(error), "{refused}\n{error}");
     }
     assert!(check_name(&"a".repeat(65)).is_err());
 }
 
 #[test]
-fn a_name_that_turns_text_is_read_where_it_stands_and_given_to_nobody() {
+fn names_with_direction_marks_are_read_but_not_added() {
     let line = "{\"at\":\"now\",\"edit\":\"name\",\"person\":1,\"name\":\"\u{5d3}\u{5e0}\u{5d4}\u{200f}\"}\n";
     assert!(EditList::parse(line, Path::new("edits.jsonl")).is_ok());
     let given = check_name("\u{5d3}\u{5e0}\u{5d4}\u{200f}").unwrap_err();
@@ -245,7 +248,7 @@ fn a_name_that_turns_text_is_read_where_it_stands_and_given_to_nobody() {
 }
 
 #[test]
-fn as_many_undos_as_a_file_holds_are_read() {
+fn a_full_file_of_undos_is_read() {
     let half = 50_000;
     let named = (0..half).map(|n| Change::Name {
         person: 3,
@@ -273,7 +276,7 @@ fn any_change() -> impl Strategy<Value = Change> {
     ]
 }
 
-/// What of `changes` can be, one after the other.
+/// Applies those of `changes` that are possible, one after the other.
 fn possible(changes: Vec<Change>) -> EditList {
     changes
         .into_iter()
@@ -284,7 +287,7 @@ fn possible(changes: Vec<Change>) -> EditList {
 
 proptest! {
     #[test]
-    fn what_is_undone_from_the_end_gives_what_was_before(changes in prop::collection::vec(any_change(), 0..20)) {
+    fn undoing_from_the_end_restores_earlier_states(changes in prop::collection::vec(any_change(), 0..20)) {
         let mut list = possible(changes);
         loop {
             let in_force: Vec<usize> = list.in_force().iter().map(|(number, _)| *number).collect();
@@ -299,22 +302,22 @@ proptest! {
     }
 
     #[test]
-    fn nobody_is_lost_but_who_is_left_out_and_nobody_is_there_twice(changes in prop::collection::vec(any_change(), 0..20)) {
+    fn edits_without_drops_keep_every_pose_exactly_once(changes in prop::collection::vec(any_change(), 0..20)) {
         let changes = changes.into_iter().filter(|change| !matches!(change, Change::Drop { .. }));
         let identities = possible(changes.collect()).identities(Some(&roll())).unwrap();
         for tick in [0, 45, 99, 100, 149, 150, 299] {
-            let there: Vec<u32> = [3, 7, 9].into_iter().filter(|&id| {
+            let present: Vec<u32> = [3, 7, 9].into_iter().filter(|&id| {
                 Identities::default().edited(&roll())[&id].iter().any(|ticks| ticks.contains(&tick))
             }).collect();
-            let mut shown: Vec<u32> = there.iter().filter_map(|&id| identities.person_at(tick, id)).collect();
+            let mut shown: Vec<u32> = present.iter().filter_map(|&id| identities.person_at(tick, id)).collect();
             shown.sort_unstable();
             shown.dedup();
-            prop_assert_eq!(shown.len(), there.len(), "at tick {}", tick);
+            prop_assert_eq!(shown.len(), present.len(), "at tick {}", tick);
         }
     }
 
     #[test]
-    fn a_list_reads_back_as_it_was_written_and_comes_to_the_same(changes in prop::collection::vec(any_change(), 0..20)) {
+    fn a_written_list_reads_back_with_the_same_effect(changes in prop::collection::vec(any_change(), 0..20)) {
         let written = possible(changes);
         let text: String = written.all().map(|(_, edit)| edit.line()).collect();
         let read = EditList::parse(&text, Path::new("edits.jsonl")).unwrap();

@@ -1,8 +1,9 @@
 //! BVH: a skeleton and its motion as text.
 //!
-//! Centimetres, y up, unless a preset says otherwise. Rotations are Z-X-Y (R = Rz Rx Ry) in degrees and unwrapped: they
-//! run on beyond 180 instead of jumping. The hips' offset is zero, so that readers that add it to the position and
-//! readers that do not agree. With [`Lengths::Measured`] every bone has a position, from its parent as the offset is.
+//! Centimetres, y up, unless a preset is given. Rotations are Z-X-Y (R = Rz Rx Ry) in degrees and
+//! unwrapped: they continue beyond 180 instead of jumping. The hips' offset is zero, so it does not
+//! matter whether a reader adds it to the position. With [`Lengths::Measured`] every bone has a
+//! position relative to its parent, like the offset.
 
 use std::io::{self, Write};
 
@@ -12,7 +13,7 @@ use crate::axes::{Axes, Orientation, Unit};
 use crate::options::Lengths;
 use crate::run::Sample;
 use crate::skeleton::{Bone, N_BONES, Rig, zxy};
-use crate::subject::{Held, Subject};
+use crate::subject::{HoldLast, Subject};
 use crate::timeline::Frame;
 
 const DEFAULT_AXES: Axes = Axes {
@@ -28,16 +29,16 @@ pub struct BvhWriter<'a, W> {
     out: W,
     subject: Subject<'a>,
     axes: Axes,
-    held: Held,
-    /// The angles before, radians, from which the next are the nearest.
+    hold: HoldLast,
+    /// The previous angles, radians; the next ones are the nearest to them.
     before: Option<[[f64; 3]; N_BONES]>,
 }
 
 impl<'a, W: Write> BvhWriter<'a, W> {
-    /// Writes the skeleton and the head of its motion.
+    /// Writes the skeleton and the header of its motion.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of `out`.
     pub fn new(mut out: W, subject: Subject<'a>) -> io::Result<Self> {
         let axes = subject.options.preset.map_or(DEFAULT_AXES, Axes::of_bvh);
         out.write_all(b"HIERARCHY\n")?;
@@ -52,7 +53,7 @@ impl<'a, W: Write> BvhWriter<'a, W> {
             out,
             subject,
             axes,
-            held: Held::default(),
+            hold: HoldLast::default(),
             before: None,
         })
     }
@@ -60,16 +61,16 @@ impl<'a, W: Write> BvhWriter<'a, W> {
     /// Writes a frame.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
         let Self {
             out,
             subject,
             axes,
-            held,
+            hold,
             before,
         } = self;
-        held.push(frame, |sample| {
+        hold.push(frame, |sample| {
             let row = row(sample, subject, *axes, before);
             out.write_all(row.as_bytes())
         })
@@ -146,7 +147,7 @@ fn row(
     text
 }
 
-/// Of all angles of the rotation Rz(a) Rx(b) Ry(c), those next to `before`, radians.
+/// The angles of the rotation Rz(a) Rx(b) Ry(c) that are nearest to `before`, radians.
 fn nearest([a, b, c]: [f64; 3], before: [f64; 3]) -> [f64; 3] {
     use std::f64::consts::{PI, TAU};
     let next_to = |angles: [f64; 3]| {
@@ -169,7 +170,7 @@ fn nearest([a, b, c]: [f64; 3], before: [f64; 3]) -> [f64; 3] {
 
 /// Six decimals: 10 nm, or 2e-8 rad.
 fn numbers(v: &Vector3<f64>) -> String {
-    // Adding 0 takes the sign off a zero.
+    // Adding 0 removes the sign of a zero.
     let numbers: Vec<String> = v
         .iter()
         .map(|v| format!("{:.6}", (v * 1e6).round() / 1e6 + 0.0))
@@ -187,7 +188,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn unwrapped_angles_are_of_the_same_rotation_and_no_farther(
+        fn unwrapped_angles_keep_the_rotation_and_are_nearest(
             turn in prop::array::uniform3(-3.0f64..3.0), before in prop::array::uniform3(-20.0f64..20.0),
         ) {
             let rotation = Rotation3::from_scaled_axis(Vector3::from(turn)).into_inner();
@@ -200,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn no_number_is_minus_zero() {
+    fn negative_zero_is_written_without_sign() {
         assert_eq!(
             numbers(&Vector3::new(-0.0, -1e-9, 2.5)),
             "0.000000 0.000000 2.500000"

@@ -1,8 +1,9 @@
-//! Parquet: all people in one table, a row per person and frame, a column per number.
+//! Parquet: all people in one table, one row per person and frame, one column per number.
 //!
-//! Columns are those of the wide CSV, with the person's id and name before them; positions and angles are f32, absent
-//! frames are left out, and what is not known is null: angles that a tick left to a prior, too. Metres, z up, unless a preset says otherwise. Not compressed: the
-//! codecs are not built in. Rows are gathered to groups of 2048, which is what is held in memory.
+//! Columns are those of the wide CSV, preceded by the person's id and name. Positions and angles
+//! are f32, absent frames are omitted, and unknown values are null, including angles that come from
+//! a prior. Metres, z up, unless a preset is given. Uncompressed, since the codecs are not built
+//! in. Rows are written in groups of 2048, which limits the memory.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -15,12 +16,12 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
 
-use super::points::{names, points};
 use super::table::{Style, origin, state};
+use super::{names, points};
 use crate::subject::Subject;
 use crate::timeline::Frame;
 
-/// Rows of a group.
+/// Rows per group.
 const ROWS: usize = 2048;
 
 /// Writes people one after the other.
@@ -30,7 +31,7 @@ pub struct ParquetWriter<W: Write + Send> {
     rows: Rows,
 }
 
-/// Rows that are not written yet, by column.
+/// Rows not yet written, by column.
 #[derive(Debug, Default)]
 struct Rows {
     times_s: Vec<f64>,
@@ -48,12 +49,12 @@ fn failed(error: parquet::errors::ParquetError) -> io::Error {
 }
 
 impl<W: Write + Send> ParquetWriter<W> {
-    /// Writes the head; `subject` is any of those who follow.
+    /// Writes the header; `subject` is any of the following ones.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of `out`.
     pub fn new(out: W, subject: &Subject<'_>) -> io::Result<Self> {
-        let style = Style::of(subject);
+        let style = Style::for_subject(subject);
         let column =
             |name: &str, kind: Physical, logical: Option<LogicalType>, repetition: Repetition| {
                 let column = Type::primitive_type_builder(name, kind);
@@ -116,10 +117,10 @@ impl<W: Write + Send> ParquetWriter<W> {
         Ok(Self { out, style, rows })
     }
 
-    /// Takes a frame of a person.
+    /// Adds a frame of a person.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn frame(&mut self, subject: &Subject<'_>, frame: &Frame) -> io::Result<()> {
         let Some((sample, _)) = &frame.pose else {
             return Ok(());
@@ -189,10 +190,10 @@ impl<W: Write + Send> ParquetWriter<W> {
         Ok(())
     }
 
-    /// Writes what is left, and the foot.
+    /// Writes the remaining rows and the footer.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn finish(mut self) -> io::Result<()> {
         self.write_rows()?;
         self.out.close().map(drop).map_err(failed)

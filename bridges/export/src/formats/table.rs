@@ -1,11 +1,11 @@
-//! CSV: wide, a row per frame and a column per number, one person a file; and tidy, a row per point or angle, all
-//! people in one.
+//! CSV: wide, one row per frame and one column per number, one person per file; and tidy, one row
+//! per point or angle, all people in one file.
 //!
-//! Metres, z up, unless a preset says otherwise; columns name their unit. Angles are degrees, and the root's translations
-//! metres in `OpenSim`'s ground, as in our MOT files. Wide tables have a row for every frame, blank where nobody is; tidy
-//! ones leave it out. `origin` says of each row whether its pose was seen, filled, or is absent. An angle that its tick
-//! left to a prior is blank in wide tables; tidy ones have it, with `observed` false, as they have joints that no keypoint
-//! ever tells.
+//! Metres, z up, unless a preset is given; columns contain their unit. Angles are degrees, the
+//! root's translations metres in `OpenSim`'s ground, as in our MOT files. Wide tables have a row
+//! for every frame, blank if the person is absent; tidy tables omit it. `origin` states whether the
+//! pose was seen, filled, or is absent. An angle that comes from a prior is blank in wide tables.
+//! Tidy tables contain it with `observed` false, as they do joints that no keypoint determines.
 
 use std::io::{self, Write};
 
@@ -14,7 +14,7 @@ use farfield_fusion::body::skeleton::angles::is_translation;
 use farfield_proto::message::PersonState;
 use farfield_proto::printed::fixed;
 
-use super::points::{Point, determined, names, points};
+use super::{Point, determined, names, points};
 use crate::axes::{Axes, Unit};
 use crate::run::Sample;
 use crate::subject::Subject;
@@ -25,20 +25,20 @@ const ANGLE_DECIMALS: usize = 4;
 /// Decimals of the root's translations, metres.
 const METRE_DECIMALS: usize = 5;
 
-/// How numbers of one export are written.
+/// Number format of one export.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Style {
     pub(super) axes: Axes,
 }
 
 impl Style {
-    pub(super) fn of(subject: &Subject<'_>) -> Self {
+    pub(super) fn for_subject(subject: &Subject<'_>) -> Self {
         Self {
             axes: subject.options.preset.map_or(Axes::WORLD, Axes::of_points),
         }
     }
 
-    /// A hundredth of a millimetre.
+    /// Rounded to a hundredth of a millimetre.
     fn length(self, value: f64) -> String {
         let decimals = match self.axes.unit {
             Unit::Metre => 5,
@@ -80,7 +80,7 @@ pub(super) const fn state(state: PersonState) -> &'static str {
 /// One reported angle of a row.
 struct AngleCell {
     name: &'static str,
-    /// Degrees, or metres.
+    /// Degrees or metres.
     value: String,
     /// Whether it is a translation.
     is_length: bool,
@@ -103,12 +103,12 @@ fn angles(sample: &Sample) -> impl Iterator<Item = AngleCell> {
     })
 }
 
-/// What every row begins with.
+/// The first two columns of every row.
 fn when(frame: &Frame) -> [String; 2] {
     [fixed(frame.time_s, 6), fixed(frame.position, 3)]
 }
 
-/// Writes one person, a column per number.
+/// Writes one person, one column per number.
 #[derive(Debug)]
 pub struct WideWriter<'a, W: Write> {
     out: csv::Writer<W>,
@@ -121,9 +121,9 @@ impl<'a, W: Write> WideWriter<'a, W> {
     /// Writes the names of the columns.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of `out`.
     pub fn new(out: W, subject: Subject<'a>) -> io::Result<Self> {
-        let style = Style::of(&subject);
+        let style = Style::for_subject(&subject);
         let unit = style.axes.unit.symbol();
         let mut columns = vec!["time_s".to_owned(), "tick".to_owned()];
         columns.extend(["origin", "state", "views"].map(str::to_owned));
@@ -147,7 +147,7 @@ impl<'a, W: Write> WideWriter<'a, W> {
     /// Writes a frame.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
         let mut row: Vec<String> = when(frame).into();
         row.push(origin(frame).to_owned());
@@ -174,16 +174,16 @@ impl<'a, W: Write> WideWriter<'a, W> {
         Ok(self.out.write_record(&row)?)
     }
 
-    /// Writes what is left.
+    /// Flushes the output.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn finish(mut self) -> io::Result<()> {
         self.out.flush()
     }
 }
 
-/// Writes people one after the other, a row per point or angle.
+/// Writes people one after the other, one row per point or angle.
 #[derive(Debug)]
 pub struct TidyWriter<W: Write> {
     out: csv::Writer<W>,
@@ -191,7 +191,7 @@ pub struct TidyWriter<W: Write> {
 }
 
 impl<W: Write> TidyWriter<W> {
-    /// Nothing so far.
+    /// A writer without any output yet.
     pub fn new(out: W) -> Self {
         Self {
             out: csv::Writer::from_writer(out),
@@ -199,17 +199,17 @@ impl<W: Write> TidyWriter<W> {
         }
     }
 
-    /// Writes a frame of a person; before the first the names of the columns.
+    /// Writes a frame of a person, after the column names if it is the first.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn frame(
         &mut self,
         subject: &Subject<'_>,
         names: &[String],
         frame: &Frame,
     ) -> io::Result<()> {
-        let style = Style::of(subject);
+        let style = Style::for_subject(subject);
         if !std::mem::replace(&mut self.has_head, true) {
             let unit = style.axes.unit.symbol();
             let places = ["x", "y", "z", "sigma"].map(|what| format!("{what}_{unit}"));
@@ -260,16 +260,16 @@ impl<W: Write> TidyWriter<W> {
         Ok(())
     }
 
-    /// Writes what is left.
+    /// Flushes the output.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn finish(mut self) -> io::Result<()> {
         self.out.flush()
     }
 }
 
-/// What the points of these keypoints are called in tables, joints first.
+/// Names of the points of these keypoints in tables, joints first.
 pub fn point_names(keypoints: &[String]) -> Vec<String> {
     names(keypoints)
 }

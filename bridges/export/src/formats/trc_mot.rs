@@ -1,7 +1,8 @@
-//! TRC and MOT as a run writes them, of other stretches and rates: the same heads and rows, from `farfield_fusion`.
+//! TRC and MOT as written by a run, for selected ticks and other rates: the same headers and rows,
+//! from `farfield_fusion`.
 //!
-//! Metres, y up, whatever the preset. Which joints are markers, and which angles are columns, is decided as in a run: by
-//! what the keypoints determine.
+//! Metres, y up, independent of the preset. As in a run, the keypoints determine which joints are
+//! markers and which angles are columns.
 
 use std::io::{self, Write};
 
@@ -18,13 +19,13 @@ use crate::run::Sample;
 use crate::subject::Subject;
 use crate::timeline::Frame;
 
-/// What the numbers of a pose are called; ranges of motion are as they are unless a venue says otherwise.
+/// Names of the values of a pose; default ranges of motion.
 fn layout_of(keypoints: &[String]) -> Layout {
     let set = KeypointSet::new(keypoints.to_vec());
     Layout::of(&set, Some(&RangeOfMotion::default()))
 }
 
-/// The pose as fusion publishes it.
+/// The pose as published by fusion.
 fn pose_of(sample: &Sample, subject: &Subject<'_>) -> PersonPose {
     let single = |at_m: &Vector3<f64>| [at_m.x as f32, at_m.y as f32, at_m.z as f32];
     let sigma_m = sample.sigma_m.as_ref();
@@ -47,7 +48,7 @@ fn pose_of(sample: &Sample, subject: &Subject<'_>) -> PersonPose {
     }
 }
 
-/// A head with its number of rows.
+/// A header with its number of rows.
 fn counted(head: Option<String>) -> io::Result<String> {
     let problem = "more rows than the head has room for";
     head.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, problem))
@@ -62,10 +63,10 @@ pub struct TrcWriter<'a, W> {
 }
 
 impl<'a, W: Write> TrcWriter<'a, W> {
-    /// Writes the head; `file_name` is what the file calls itself.
+    /// Writes the header; `file_name` is the name inside the file.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of `out`.
     pub fn new(mut out: W, subject: Subject<'a>, file_name: &str) -> io::Result<Self> {
         let layout = layout_of(subject.keypoints);
         let clock = subject.clock;
@@ -84,10 +85,10 @@ impl<'a, W: Write> TrcWriter<'a, W> {
         })
     }
 
-    /// Writes a frame. Frames are numbered on from the first one's tick, and are ticks at the run's rate alone.
+    /// Writes a frame. Frame numbers start at the first tick, and are ticks only at the run's rate.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
         let number = Tick(self.subject.clock.first + frame.index.cast_signed());
         let pose = frame
@@ -99,12 +100,12 @@ impl<'a, W: Write> TrcWriter<'a, W> {
     }
 }
 
-/// Whether a frame has a row among the angles.
+/// Whether a frame has a row in MOT.
 pub fn has_angles(frame: &Frame, subject: &Subject<'_>) -> bool {
-    told_pose(frame, subject).is_some()
+    pose_with_angles(frame, subject).is_some()
 }
 
-fn told_pose(frame: &Frame, subject: &Subject<'_>) -> Option<PersonPose> {
+fn pose_with_angles(frame: &Frame, subject: &Subject<'_>) -> Option<PersonPose> {
     let (sample, _) = frame.pose.as_ref()?;
     Some(pose_of(sample, subject)).filter(mot::has_row)
 }
@@ -119,10 +120,10 @@ pub struct MotWriter<'a, W> {
 }
 
 impl<'a, W: Write> MotWriter<'a, W> {
-    /// Writes the head of a file with `n_rows` frames that have angles.
+    /// Writes the header of a file with `n_rows` frames that have angles.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of `out`.
     pub fn new(mut out: W, subject: Subject<'a>, n_rows: u64) -> io::Result<Self> {
         let layout = layout_of(subject.keypoints);
         let head = counted(mot::with_rows(&mot::header(&layout), n_rows))?;
@@ -135,12 +136,12 @@ impl<'a, W: Write> MotWriter<'a, W> {
         })
     }
 
-    /// Writes a frame; one without a pose, or of whom nothing is known, has no row.
+    /// Writes a frame; a frame without a pose or without known angles has no row.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
-        let Some(pose) = told_pose(frame, &self.subject) else {
+        let Some(pose) = pose_with_angles(frame, &self.subject) else {
             return Ok(());
         };
         let row = self.rows.row(&self.layout, frame.time_s, &pose);
@@ -161,10 +162,11 @@ mod tests {
     use crate::{Existing, ExportRequest, Format, Options, export};
 
     const N_TICKS: i64 = 120;
-    /// More than angles and ranges are rounded by, degrees.
+    /// Exceeds the rounding of angles and ranges, degrees.
     const ROUNDED_DEG: f64 = 1e-3;
 
-    /// The model and the motion of somebody who turns on the spot three times while the right arm circles the pole of its angles.
+    /// Model and motion of a person who turns on the spot three times while the right arm circles
+    /// the pole of its angles.
     fn model_and_motion() -> [String; 2] {
         let place = |name: &str| ANGLE_NAMES.iter().position(|known| *known == name).unwrap();
         let mut poses = String::new();
@@ -203,7 +205,7 @@ mod tests {
         [0, 1].map(|i| fs::read_to_string(&written[i].path).unwrap())
     }
 
-    /// The range that a model gives a coordinate, degrees.
+    /// The range of a coordinate in a model, degrees.
     fn range_deg(model: &str, coordinate: &str) -> [f64; 2] {
         let head = format!("<Coordinate name=\"{coordinate}\">");
         let (_, coordinate) = model.split_once(&head).unwrap();
@@ -214,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn who_turns_turns_on_and_no_arm_leaves_the_range_that_the_model_gives_it() {
+    fn turns_are_unwrapped_and_arms_stay_in_the_model_range() {
         let [model, motion] = model_and_motion();
         let (_, table) = motion.split_once("endheader\n").unwrap();
         let rows: Vec<Vec<&str>> = table.lines().map(|it| it.split('\t').collect()).collect();

@@ -13,12 +13,12 @@ use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use crate::edits::Identities;
 use crate::skeleton::Angles;
 
-/// Bytes of a line, far above any that a run writes.
+/// Maximum size of a line, bytes; far more than a run writes.
 const LONGEST_LINE: u64 = 1 << 20;
-/// Coordinates beyond this are no place on a field, metres.
+/// Maximum coordinate, metres.
 const FARTHEST_M: f64 = 1e6;
 
-/// A person at a tick, as `poses.jsonl` tells it.
+/// A person at a tick, as in `poses.jsonl`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseLine {
     /// The tick.
@@ -29,15 +29,15 @@ pub struct PoseLine {
     pub state: PersonState,
     /// The 29 joints in the world, metres.
     pub joints_m: [Vector3<f64>; N_JOINTS],
-    /// The sites of the network's keypoints in the world, metres, by name, in the order of the line.
+    /// The network's keypoints in the world, metres, by name, in the order of the line.
     pub keypoints_m: Vec<(String, Vector3<f64>)>,
-    /// Standard deviation per axis of each joint, metres; NaN where the line has none.
+    /// Standard deviation per axis of each joint, metres; NaN if missing in the line.
     pub sigma_m: Option<[f64; N_JOINTS]>,
     /// The 40 reported angles.
     pub angles: Angles,
-    /// Bit per reported angle: set where this tick's keypoints tell nothing of it and a prior carries it.
+    /// Bit per reported angle: set if this tick's keypoints do not determine it and a prior does.
     pub unobserved: u64,
-    /// Views that took part.
+    /// Number of views that took part.
     pub views: u32,
 }
 
@@ -62,7 +62,7 @@ struct Raw {
     views: u32,
 }
 
-/// The entries of an object, in their order.
+/// The entries of an object, in order.
 struct Entries<V>(Vec<(String, V)>);
 
 impl<V: Copy> Entries<V> {
@@ -94,21 +94,21 @@ impl<'de, V: Deserialize<'de>> Deserialize<'de> for Entries<V> {
     }
 }
 
-/// What is wrong with a line: the field where it is known, and what was found and expected.
+/// The invalid field, if known, and the problem.
 type Fault = (Option<String>, String);
 
 impl PoseLine {
-    /// Tick and person of the line `text`, which is line `number` of `path`; for lines that are not looked at further.
+    /// Parses only tick and person of the line `text`, line `number` of `path`.
     ///
     /// # Errors
-    /// The line and what is wrong with it.
+    /// The line and the problem.
     pub fn parse_head(text: &str, path: &Path, number: usize) -> Result<(i64, u32), FileError> {
         let head: Head =
             serde_json::from_str(text).map_err(|e| refuse((None, e.to_string()), path, number))?;
         Ok((head.tick, head.person))
     }
 
-    /// The line `text`, which is line `number` of `path`.
+    /// Parses the line `text`, line `number` of `path`.
     ///
     /// # Errors
     /// The line, the field, what was found and what was expected.
@@ -175,7 +175,8 @@ impl PoseLine {
     }
 }
 
-/// Names become columns, labels and markers: each once, and nothing that a line of text cannot hold.
+/// Checks a keypoint name, which becomes a column, label and marker: unique and without control
+/// characters.
 fn check_name(name: &str, before: &[(String, [f64; 3])]) -> Result<(), Fault> {
     let found = if name.trim().is_empty() {
         "an empty name".to_owned()
@@ -199,7 +200,8 @@ fn point(at: [f64; 3]) -> Result<Vector3<f64>, String> {
     ))
 }
 
-fn refuse((field, problem): Fault, path: &Path, number: usize) -> FileError {
+fn refuse(fault: Fault, path: &Path, number: usize) -> FileError {
+    let (field, problem) = fault;
     let error = FileError::new(path, problem).at_line(number);
     match field {
         Some(field) => error.at_field(field),
@@ -207,11 +209,11 @@ fn refuse((field, problem): Fault, path: &Path, number: usize) -> FileError {
     }
 }
 
-/// Calls `each` with every line of `file` (which is called `path`), its number from 1, without its end; blank lines
-/// are left out.
+/// Calls `each` with every line of `file` (at `path`) without its end, and its number from 1. Blank
+/// lines are skipped.
 ///
 /// # Errors
-/// Those of reading, of lines that are too long or no text, and of `each`.
+/// Reading errors, lines that are too long or not UTF-8, and errors of `each`.
 pub fn for_each_line<E: From<FileError>>(
     mut file: impl BufRead,
     path: &Path,
@@ -242,11 +244,12 @@ pub fn for_each_line<E: From<FileError>>(
     Ok(())
 }
 
-/// Calls `each` with every pose of `file` (which is called `path`) whose tick and person are `wanted`. A person is who
-/// `identities` say, in what is `wanted` as in the line; of other poses nothing but their heads is looked at.
+/// Calls `each` with every pose of `file` (at `path`) for which `wanted` holds for tick and person.
+/// Persons are edited by `identities`, for `wanted` and in the line. Of other poses only tick and
+/// person are parsed.
 ///
 /// # Errors
-/// As [`for_each_line`], of lines that are wrong, and of `each`.
+/// As [`for_each_line`], for invalid lines, and errors of `each`.
 pub(crate) fn for_each_pose<E: From<FileError>>(
     (file, path): (impl BufRead, &Path),
     identities: &Identities,
@@ -275,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_without_a_joint_is_refused_by_its_name() {
+    fn a_missing_joint_is_refused_by_name() {
         let text = r#"{"tick":1,"person":2,"state":"tracked","joints":{"pelvis":[0,0,1]},"keypoints":{},"angles":{}}"#;
         assert_eq!(
             refused(text),
@@ -284,19 +287,19 @@ mod tests {
     }
 
     #[test]
-    fn a_place_that_is_none_is_refused() {
+    fn coordinates_out_of_range_are_refused() {
         let text = r#"{"tick":1,"person":2,"state":"tracked","joints":{"pelvis":[0,0,1e300]},"keypoints":{},"angles":{}}"#;
         assert!(refused(text).contains("`joints.pelvis`: found [0.0, 0.0, 1e300], expected"));
     }
 
     #[test]
-    fn what_is_no_json_is_refused_with_its_line() {
+    fn invalid_json_is_refused_with_its_line() {
         assert!(refused("{").starts_with("poses.jsonl:7: "));
         assert!(refused("[]").starts_with("poses.jsonl:7: "));
     }
 
     #[test]
-    fn names_of_keypoints_that_no_table_could_hold_are_refused() {
+    fn invalid_keypoint_names_are_refused() {
         let whole = crate::fixture::json(&crate::fixture::line_at(1, 0));
         for (name, found) in [
             ("", "found an empty name"),
@@ -314,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn unobserved_angles_are_known_by_name() {
+    fn unobserved_angles_are_listed_by_name() {
         let whole = crate::fixture::json(&crate::fixture::line_at(1, 0));
         let with =
             |names: &str| whole.replace("\"unobserved\":[]", &format!("\"unobserved\":[{names}]"));
@@ -325,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_without_end_is_not_read_to_it() {
+    fn an_endless_line_is_refused() {
         let file = io::BufReader::new(io::repeat(b'x'));
         let refused = for_each_line(file, Path::new("p"), |_, _| Ok::<_, FileError>(()));
         assert!(refused.unwrap_err().to_string().contains("found more than"));

@@ -1,4 +1,4 @@
-//! One person at one moment in the terms of the export skeleton, and what lies between such moments.
+//! Pose of one person at one moment for the export skeleton, and interpolation.
 
 use farfield_fusion::body::skeleton::angles::is_translation;
 use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, N_JOINTS};
@@ -13,28 +13,30 @@ use crate::skeleton::{Angles, Motion, N_BONES, Offsets, RestPose, links_of};
 pub struct Sample {
     /// Phase of the track.
     pub state: PersonState,
-    /// Views that took part.
+    /// Number of views that took part.
     pub views: u32,
     /// The export skeleton's pose.
     pub motion: Motion,
-    /// The body's offsets at this moment, metres: a run learns them.
+    /// The body's offsets at this moment, metres; a run learns them.
     pub offsets: Offsets,
     /// The reported angles.
     pub angles: Angles,
-    /// Bit per reported angle: set where only a prior tells it.
+    /// Bit per reported angle: set if only a prior determines it.
     pub unobserved: u64,
-    /// The keypoints' sites in the world, metres, in the order of [`Survey::keypoints`](super::Survey).
+    /// Positions of the keypoints in the world, metres, in the order of
+    /// [`Survey::keypoints`](super::Survey).
     pub keypoints_m: Vec<Option<Vector3<f64>>>,
     /// Standard deviations of the joints per axis, metres.
     pub sigma_m: Option<[f64; N_JOINTS]>,
 }
 
 impl Sample {
-    /// The pose of `line` for a skeleton that rests as `rest`.
-    pub fn of(line: &PoseLine, rest: RestPose, keypoints: &[String]) -> Self {
+    /// The pose of `line` for a skeleton with the rest pose `rest`.
+    pub fn from_line(line: &PoseLine, rest: RestPose, keypoints: &[String]) -> Self {
         let mut body = links_of(&line.angles);
         let offsets = Offsets::measured(&line.joints_m, &body);
-        // The joint and the angles' translations are rounded separately: one of them is the root.
+        // The joint and the translations among the angles are rounded separately; use the joint as
+        // root.
         body.joints_m[Joint::Pelvis.index()] = line.joints_m[Joint::Pelvis.index()];
         let keypoint = |name: &String| {
             let found = line.keypoints_m.iter().find(|(known, _)| known == name);
@@ -57,15 +59,18 @@ impl Sample {
         self.motion.joints_m(rest, &self.offsets)
     }
 
-    /// The weighted mean of samples around `centre`, one of them. Weights add up to 1 and may be negative.
+    /// The weighted mean of samples around `centre`, which is one of them. Weights sum to 1 and may
+    /// be negative.
     ///
-    /// Rotations are averaged in the tangent space at the centre: `R = R_c exp(Σ wᵢ log(R_c⁻¹ Rᵢ))`, which for two is the
-    /// spherical linear interpolation. Lengths and positions are averaged as they are, angles from the centre's by the
-    /// shorter way round. An angle is unobserved where samples with half of the weight leave it so; deviations are averaged
-    /// where all have one. What cannot be averaged is the centre's.
+    /// Rotations are averaged in the tangent space at the centre: `R = R_c exp(Σ wᵢ log(R_c⁻¹
+    /// Rᵢ))`; for two samples this is spherical linear interpolation. Lengths and positions are
+    /// averaged directly, angles along the shorter way from the centre. An angle is unobserved if
+    /// samples with half of the weight have it unobserved. Deviations are averaged if all samples
+    /// have one. Everything else is taken from the centre.
     pub fn mean(weighted: &[(f64, &Self)], centre: &Self, rest: RestPose) -> Self {
-        let points =
-            |of: &dyn Fn(&Self) -> Vector3<f64>| weighted.iter().map(|(w, s)| of(s) * *w).sum();
+        let points = |value_of: &dyn Fn(&Self) -> Vector3<f64>| {
+            weighted.iter().map(|(w, s)| value_of(s) * *w).sum()
+        };
         let mut rotations = centre.motion.rotations;
         for (i, rotation) in rotations.iter_mut().enumerate().take(N_BONES) {
             let logs = weighted.iter().map(|(w, sample)| {
@@ -101,13 +106,13 @@ impl Sample {
         });
         let all_have_sigma = weighted.iter().all(|(_, s)| s.sigma_m.is_some());
         let sigma_m = all_have_sigma.then(|| {
-            let of = |j: usize| {
+            let value_of = |j: usize| {
                 weighted
                     .iter()
                     .map(|(w, s)| w * s.sigma_m.map_or(f64::NAN, |all| all[j]))
                     .sum()
             };
-            Joint::ALL.map(|joint| of(joint.index()))
+            Joint::ALL.map(|joint| value_of(joint.index()))
         });
         Self {
             state: centre.state,
@@ -126,12 +131,12 @@ impl Sample {
         }
     }
 
-    /// Whether only a prior tells a reported angle.
+    /// Whether only a prior determines a reported angle.
     pub fn is_unobserved(&self, angle: usize) -> bool {
         self.unobserved >> angle & 1 == 1
     }
 
-    /// The same pose as that of a moment at which nobody saw the person: no view, no deviation.
+    /// The same pose as an unseen one: no views, no deviations.
     #[must_use]
     pub fn unseen(self) -> Self {
         Self {
@@ -143,7 +148,7 @@ impl Sample {
     }
 }
 
-/// The same angle within ±π, radians.
+/// The equivalent angle within ±π, radians.
 pub(crate) fn wrapped(angle_rad: f64) -> f64 {
     use std::f64::consts::TAU;
     angle_rad - TAU * (angle_rad / TAU).round()

@@ -1,5 +1,7 @@
-//! What a first reading of `poses.jsonl` tells: who is there when, and how long everybody's limbs are.
+//! First pass over `poses.jsonl`: presence and limb lengths of people, and the table of all people.
 
+use farfield_proto::message::{PersonPose, PoseSet};
+use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::ops::Range;
@@ -11,43 +13,45 @@ use farfield_proto::toml_file::FileError;
 use nalgebra::Vector3;
 
 use super::line::{PoseLine, for_each_line};
-use crate::edits::{Identities, Roll};
+use crate::edits::{Identities, PersonRoll, Roll};
 use crate::skeleton::{Offsets, links_of};
 
-/// Width of a bin in which lengths are counted, metres.
+/// Width of a histogram bin for lengths, metres.
 const BIN_M: f64 = 1e-4;
-/// What positions are rounded to in `poses.jsonl`, metres.
+/// Resolution of positions in `poses.jsonl`, metres.
 const GRAIN_M: f64 = 1e-5;
-/// Most people of a run, far above any that a field holds: what is kept per person is bounded.
-pub(crate) const MOST_PEOPLE: usize = 10_000;
-/// Most names of keypoints.
+/// Maximum number of people in a run; limits the memory per person.
+const MOST_PEOPLE: usize = 10_000;
+/// Maximum number of keypoint names.
 const MOST_KEYPOINTS: usize = 512;
-/// Lengths beyond this are counted as it, metres.
+/// Longer lengths are clamped to this, metres.
 const LONGEST_M: f64 = 3.0;
 
-/// Who is in a file of poses.
+/// The people in a file of poses.
 #[derive(Debug, Clone, Default)]
 pub struct Survey {
-    /// Everybody whom edits leave, by the id that they give.
+    /// All people after edits, by edited id.
     pub people: BTreeMap<u32, PersonSurvey>,
-    /// Names of the keypoints, in the order in which they come first.
+    /// Names of the keypoints, in order of first occurrence.
     pub keypoints: Vec<String>,
-    /// Who of the file is there when, by its own ids.
+    /// Presence by the ids of the file.
     pub roll: Roll,
 }
 
 /// One person of a file.
 #[derive(Debug, Clone)]
 pub struct PersonSurvey {
-    /// First and last tick with a pose among those that are exported; `None` where there is none.
+    /// First and last tick with an exported pose; `None` if there is none.
     pub present: Option<(i64, i64)>,
-    /// The body's offsets: the median over all ticks of the file, component by component. While a run still learns a body they are
-    /// those it settles on.
+    /// Offsets of the body: the median over all ticks of the file, by component. While a run still
+    /// learns a body, this is the final value.
     pub offsets: Offsets,
-    /// How far the offsets of single ticks lie from them: one standard deviation per axis, metres, by [`Joint::index`].
+    /// Spread of the offsets of single ticks: one standard deviation per axis, metres, by
+    /// [`Joint::index`].
     pub sigma_m: [f64; N_JOINTS],
-    /// The joint that each keypoint sits on, and where it sits from it, in the frame of the link that holds the joint (x forward, y
-    /// left, z up in the neutral pose), metres: the mean over all ticks. Keypoints that sit on none are left out.
+    /// Joint of each keypoint, and the keypoint's offset from it in the frame of the link that
+    /// holds the joint (x forward, y left, z up in the neutral pose), metres: the mean over all
+    /// ticks. Keypoints without a joint are omitted.
     pub sites_m: BTreeMap<String, (Joint, Vector3<f64>)>,
 }
 
@@ -67,12 +71,13 @@ struct Bin {
 }
 
 impl Survey {
-    /// Reads all lines of `file` (called `path`). Lengths and names are those of the whole file, whatever `ticks`, which
-    /// decide only who is present; `identities` say who is who.
+    /// Reads all lines of `file` (at `path`), edited by `identities`. Lengths and names are those
+    /// of the whole file; `ticks` only affect presence.
     ///
     /// # Errors
-    /// The first line that is wrong, out of order, of somebody who is there already at its tick, or of an id that a split has made.
-    pub fn of(
+    /// The first line that is invalid, out of order, a second pose of a person at a tick, or of an
+    /// id that a split created.
+    pub fn from_lines(
         file: impl BufRead,
         path: &Path,
         ticks: &Range<i64>,
@@ -104,7 +109,7 @@ impl Survey {
             survey.roll.add(line.tick, line.person);
             if identities.has_made(line.person) {
                 return at(format!(
-                    "found person {}, an id that a split has made: expected nobody of it",
+                    "found person {}, an id that a split created, expected no poses of it",
                     line.person
                 ));
             }
@@ -114,7 +119,7 @@ impl Survey {
             let counting = people.entry(person).or_default();
             if counting.last == Some(line.tick) {
                 return at(format!(
-                    "found person {} at tick {} a second time by the edits, expected one pose of a person",
+                    "found person {} twice at tick {} after the edits, expected one pose of a person",
                     person, line.tick
                 ));
             }
@@ -126,7 +131,7 @@ impl Survey {
             }
             if people.len() > MOST_PEOPLE || survey.keypoints.len() > MOST_KEYPOINTS {
                 return at(format!(
-                    "found more than {MOST_PEOPLE} people or {MOST_KEYPOINTS} keypoints, expected those of a field"
+                    "found more than {MOST_PEOPLE} people or {MOST_KEYPOINTS} keypoints, expected fewer"
                 ));
             }
             Ok(())
@@ -139,8 +144,8 @@ impl Survey {
     }
 }
 
-/// Of a pose (tick, person) that comes after the one before.
-pub(super) fn unsorted(before: (i64, u32), place: (i64, u32), path: &Path) -> FileError {
+/// The error of a pose (tick, person) that is out of order.
+fn unsorted(before: (i64, u32), place: (i64, u32), path: &Path) -> FileError {
     let problem = format!(
         "found tick {} of person {} after tick {} of person {}, expected them sorted",
         place.0, place.1, before.0, before.1
@@ -200,7 +205,7 @@ impl Counting {
     }
 }
 
-/// The mean of the bin that holds the median, to the decimals of `poses.jsonl`: what is level stays level.
+/// Mean of the bin with the median, rounded like `poses.jsonl`, so that level lengths stay level.
 fn median_m(bins: &BTreeMap<i32, Bin>, n: u64) -> f64 {
     let mut below = 0;
     for bin in bins.values() {
@@ -213,11 +218,110 @@ fn median_m(bins: &BTreeMap<i32, Bin>, n: u64) -> f64 {
     0.0
 }
 
-/// The sum of squared distances from `median_m`, as far as bins tell them apart.
+/// Sum of squared distances from `median_m`, with the resolution of the bins.
 fn squares_m2(bins: &BTreeMap<i32, Bin>, median_m: f64) -> f64 {
     let square = |bin: &Bin| {
         let apart_m = bin.sum_m / bin.count as f64 - median_m;
         bin.count as f64 * apart_m * apart_m
     };
     bins.values().map(square).sum()
+}
+
+/// Presence and accuracy of people.
+#[derive(Debug, Clone, Default)]
+pub struct PeopleTable {
+    /// Presence by ids of the poses.
+    pub roll: Roll,
+    /// By edited person: sum and number of standard deviations.
+    sigmas: BTreeMap<u32, (f64, u64)>,
+}
+
+/// One person.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TableRow {
+    /// The edited id.
+    pub person: u32,
+    /// Its presence.
+    pub roll: PersonRoll,
+    /// One standard deviation of a joint per axis, mean over joints and ticks, metres; `None` if
+    /// unknown.
+    pub sigma_m: Option<f64>,
+}
+
+/// The fields of a line that are used.
+#[derive(Deserialize)]
+struct Line {
+    tick: i64,
+    person: u32,
+    #[serde(default)]
+    sigma_m: BTreeMap<String, f64>,
+}
+
+impl PeopleTable {
+    /// Reads the lines of `file` (at `path`), edited by `identities`.
+    ///
+    /// # Errors
+    /// The first invalid line.
+    pub fn of_lines(
+        file: impl BufRead,
+        path: &Path,
+        identities: &Identities,
+    ) -> Result<Self, FileError> {
+        let mut table = Self::default();
+        let mut last = None;
+        for_each_line(file, path, |text, number| {
+            let line: Line = serde_json::from_str(text)
+                .map_err(|e| FileError::new(path, e.to_string()).at_line(number))?;
+            let place = (line.tick, line.person);
+            if let Some(before) = last.replace(place).filter(|before| *before >= place) {
+                return Err(unsorted(before, place, path).at_line(number));
+            }
+            let sigma_m = mean(line.sigma_m.values().copied());
+            table.add(line.tick, line.person, sigma_m, identities);
+            if table.roll.n_ids() > MOST_PEOPLE {
+                let problem = format!("found more than {MOST_PEOPLE} people, expected fewer");
+                return Err(FileError::new(path, problem).at_line(number));
+            }
+            Ok::<_, FileError>(())
+        })?;
+        Ok(table)
+    }
+
+    /// Adds the poses of a tick, which must be later than the previous ones.
+    pub fn add_poses(&mut self, poses: &PoseSet, identities: &Identities) {
+        for pose in &poses.persons {
+            let PersonPose { sigma_m, .. } = pose;
+            let sigma_m = mean(sigma_m.iter().map(|sigma| f64::from(*sigma)));
+            self.add(poses.tick.0, pose.person.0, sigma_m, identities);
+        }
+    }
+
+    fn add(&mut self, tick: i64, id: u32, sigma_m: Option<f64>, identities: &Identities) {
+        self.roll.add(tick, id);
+        if let (Some(person), Some(sigma_m)) = (identities.person_at(tick, id), sigma_m) {
+            let (sum, n) = self.sigmas.entry(person).or_default();
+            (*sum, *n) = (*sum + sigma_m, *n + 1);
+        }
+    }
+
+    /// The rows, by person.
+    pub fn rows(&self, identities: &Identities) -> Vec<TableRow> {
+        let rows = identities.people(&self.roll).into_iter();
+        let row = |(person, roll)| {
+            let sigma = self.sigmas.get(&person);
+            let sigma_m = sigma.map(|(sum, n)| sum / *n as f64);
+            TableRow {
+                person,
+                roll,
+                sigma_m,
+            }
+        };
+        rows.map(row).collect()
+    }
+}
+
+fn mean(numbers: impl Iterator<Item = f64>) -> Option<f64> {
+    let known = numbers.filter(|number| number.is_finite());
+    let (sum, n) = known.fold((0.0, 0_u32), |(sum, n), number| (sum + number, n + 1));
+    (n > 0).then(|| sum / f64::from(n))
 }

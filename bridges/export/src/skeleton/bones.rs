@@ -1,12 +1,12 @@
-//! The bones: which joint each one begins at, and which link of the body carries it.
+//! The bones: the joint at which each begins, and the link of the body that carries it.
 
 use farfield_fusion::body::skeleton::{Joint, Link};
 
 /// Number of bones.
 pub const N_BONES: usize = 20;
 
-/// A bone of the export skeleton. It begins at its [`Bone::joint`]; the ball of the foot, which is no joint of
-/// ours, is the one exception.
+/// A bone of the export skeleton. It begins at its [`Bone::joint`]; the only exception is the ball
+/// of the foot, which is not one of our joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[expect(
     missing_docs,
@@ -35,7 +35,7 @@ pub enum Bone {
     RightToes,
 }
 
-/// A row of the table of bones: the bone, its parent, the joint it begins at, the link that carries it.
+/// A row of the table: bone, parent, first joint, link.
 type BoneRow = (Bone, Option<Bone>, Joint, Link);
 
 const TABLE: [BoneRow; N_BONES] = {
@@ -151,17 +151,17 @@ impl Bone {
         all
     };
 
-    /// Its position in arrays that are indexed by bone.
+    /// Its index in arrays by bone.
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// The bone it hangs from; none for the hips.
+    /// The parent bone; none for the hips.
     pub const fn parent(self) -> Option<Self> {
         TABLE[self as usize].1
     }
 
-    /// The joint it begins at. The toes begin at the ball of the foot and end at this joint.
+    /// The joint at which it begins. The toes begin at the ball of the foot and end at this joint.
     pub const fn joint(self) -> Joint {
         TABLE[self as usize].2
     }
@@ -171,20 +171,21 @@ impl Bone {
         TABLE[self as usize].3
     }
 
-    /// Whether it never turns against its parent: the body model knows no wrist, toe or upper neck.
+    /// Whether it never rotates relative to its parent: the body model has no wrist, toe or upper
+    /// neck.
     pub fn is_static(self) -> bool {
         self.parent()
             .is_some_and(|parent| parent.link() == self.link())
     }
 
-    /// The bones that hang from it, in order.
+    /// Its child bones, in order.
     pub fn children(self) -> impl Iterator<Item = Self> {
         Self::ALL
             .into_iter()
             .filter(move |bone| bone.parent() == Some(self))
     }
 
-    /// Whether it is of the left or right arm below the clavicle: what the rest pose lifts.
+    /// The side of an arm bone below the clavicle; the rest pose raises these.
     pub(crate) const fn raised_side(self) -> Option<Raised> {
         match self {
             Self::LeftUpperArm | Self::LeftForearm | Self::LeftHand => Some(Raised::Left),
@@ -194,7 +195,7 @@ impl Bone {
     }
 }
 
-/// Which arm.
+/// The side of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Raised {
     Left,
@@ -206,7 +207,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_is_in_the_order_of_the_enum_and_depth_first() {
+    fn the_table_is_in_enum_order_and_depth_first() {
         fn visit(bone: Bone, into: &mut Vec<Bone>) {
             into.push(bone);
             for child in bone.children() {

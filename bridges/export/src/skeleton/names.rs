@@ -1,4 +1,4 @@
-//! What other programs call the bones, so that they retarget without a mapping by hand.
+//! Bone names of other programs, so that they retarget without a manual mapping.
 
 use std::str::FromStr;
 
@@ -7,7 +7,7 @@ use super::bones::{Bone, N_BONES};
 /// A table of bone names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum BoneNames {
-    /// The joints the bones begin at, as all files of Farfield name them.
+    /// The first joint of each bone, as in all files of Farfield.
     #[default]
     Farfield,
     /// Unreal Engine's mannequin.
@@ -141,7 +141,7 @@ impl BoneNames {
         ("vrm", Self::Vrm),
     ];
 
-    /// What this table calls `bone`.
+    /// Name of `bone` in this table.
     pub const fn name(self, bone: Bone) -> &'static str {
         let table = match self {
             Self::Farfield => &FARFIELD,
@@ -158,7 +158,7 @@ impl FromStr for BoneNames {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        crate::choice::named(name, &Self::ALL)
+        crate::options::named(name, &Self::ALL)
     }
 }
 
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn our_names_are_those_of_the_joints() {
+    fn farfield_names_are_joint_names() {
         for bone in Bone::ALL {
             let name = BoneNames::Farfield.name(bone);
             if !name.ends_with("_ball") {
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_table_is_refused_with_those_that_there_are() {
+    fn an_unknown_table_is_refused_with_the_valid_ones() {
         let refused = "mixam".parse::<BoneNames>().unwrap_err();
         assert_eq!(
             refused,

@@ -7,12 +7,13 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::bones::{Bone, N_BONES, Raised};
 
-/// Where the ball of the foot lies between ankle and tip of the foot, as a share of the way forward.
+/// Position of the ball of the foot between ankle and tip, as a share of the way forward.
 const BALL: f64 = 0.7;
-/// How far the top of the head lies above its centre, in lengths from neck to head: 0.07 of 0.10 statures.
+/// Distance of the top of the head from its centre, in lengths from neck to head: 0.07 of 0.10
+/// statures.
 const HEAD_TOP: f64 = 0.7;
 
-/// How the arms are held at rest.
+/// Position of the arms at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RestPose {
     /// Level, to the sides.
@@ -26,7 +27,7 @@ impl RestPose {
     /// Every rest pose with its name on the command line.
     pub const ALL: [(&'static str, Self); 2] = [("t-pose", Self::TPose), ("a-pose", Self::APose)];
 
-    /// How far the arms are raised from hanging, radians.
+    /// Angle of the arms from hanging, radians.
     const fn raised_rad(self) -> f64 {
         match self {
             Self::TPose => std::f64::consts::FRAC_PI_2,
@@ -34,16 +35,17 @@ impl RestPose {
         }
     }
 
-    /// `R_rest`: what takes a bone's link from the neutral pose, in which arms hang, to the rest pose.
+    /// `R_rest`: rotation of a bone's link from the neutral pose, with hanging arms, to the rest
+    /// pose.
     pub(crate) fn of_bone(self, bone: Bone) -> Matrix3<f64> {
         let sign = match bone.raised_side() {
             None => return Matrix3::identity(),
-            // About the axis that points forward: -z turns to +y, the left.
+            // About the forward axis: -z turns to +y, the left.
             Some(Raised::Left) => 1.0,
             Some(Raised::Right) => -1.0,
         };
         let (sin, cos) = match self {
-            // Exactly level: sine and cosine of a quarter turn are not.
+            // Exactly level, unlike sine and cosine of a quarter turn.
             Self::TPose => (sign, 0.0),
             Self::APose => {
                 let (sin, cos) = libm::sincos(self.raised_rad());
@@ -58,18 +60,18 @@ impl FromStr for RestPose {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        crate::choice::named(name, &Self::ALL)
+        crate::options::named(name, &Self::ALL)
     }
 }
 
-/// Where each joint lies from its parent joint, in the frame of the link that holds it (x forward, y left, z up in the
-/// neutral pose), metres; indexed by [`Joint::index`]. The pelvis' own is zero.
+/// Offset of each joint from its parent joint, in the frame of the link that holds it (x forward, y
+/// left, z up in the neutral pose), metres, by [`Joint::index`]. The pelvis' own is zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Offsets(pub [Vector3<f64>; N_JOINTS]);
 
 impl Offsets {
-    /// Those of a body of these lengths.
-    pub fn of(proportions: &Proportions) -> Self {
+    /// The offsets of a body with these proportions.
+    pub fn from_proportions(proportions: &Proportions) -> Self {
         let pose = farfield_fusion::body::skeleton::Pose::neutral(
             Vector3::zeros(),
             nalgebra::UnitQuaternion::identity(),
@@ -79,7 +81,7 @@ impl Offsets {
         Self::measured(&body.joints_m, &body)
     }
 
-    /// Those of joints in the world (metres), whose links are turned as in `body`.
+    /// The offsets of joints in the world (metres), with the link rotations of `body`.
     pub fn measured(joints_m: &[Vector3<f64>; N_JOINTS], body: &Kinematics) -> Self {
         Self(Joint::ALL.map(|joint| match joint.parent() {
             None => Vector3::zeros(),
@@ -90,12 +92,13 @@ impl Offsets {
         }))
     }
 
-    /// Of one joint.
+    /// The offset of one joint.
     pub fn of_joint(&self, joint: Joint) -> Vector3<f64> {
         self.0[joint.index()]
     }
 
-    /// The joints in the world, metres, of a body with these offsets whose pelvis and links are as in `body`.
+    /// The joints in the world, metres, of a body with these offsets and the pelvis and links of
+    /// `body`.
     pub fn joints_m(&self, body: &Kinematics) -> [Vector3<f64>; N_JOINTS] {
         let mut joints_m = [body.joint_m(Joint::Pelvis); N_JOINTS];
         for joint in Joint::ALL {
@@ -107,7 +110,7 @@ impl Offsets {
         joints_m
     }
 
-    /// Height of the pelvis above the soles of a body that stands upright, metres.
+    /// Height of the pelvis above the soles when standing upright, metres.
     pub fn pelvis_height_m(&self) -> f64 {
         let chain = [
             Joint::LeftHip,
@@ -122,14 +125,14 @@ impl Offsets {
     }
 }
 
-/// A skeleton at rest, in body axes (x forward, y left, z up), metres; the hips are its origin.
+/// A skeleton at rest in body axes (x forward, y left, z up), metres; the hips are its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rig {
-    /// How its arms are held.
+    /// Position of its arms.
     pub rest: RestPose,
-    /// Where each bone begins, from where its parent does; indexed by [`Bone::index`]. The hips' is zero.
+    /// Start of each bone relative to its parent's start, by [`Bone::index`]. Zero for the hips.
     pub offset_m: [Vector3<f64>; N_BONES],
-    /// Where a bone without children ends, from where it begins.
+    /// End of each bone without children, relative to its start.
     pub tip_m: [Option<Vector3<f64>>; N_BONES],
 }
 
@@ -140,7 +143,8 @@ impl Rig {
         let mut tip_m = [None; N_BONES];
         for bone in Bone::ALL {
             let i = bone.index();
-            // A bone's beginning is fixed in its parent, and is where its parent's rest turns it.
+            // The start of a bone is fixed in its parent and rotates with the parent's rest
+            // rotation.
             let parent = bone.parent().unwrap_or(bone);
             let at_rest = rest.of_bone(parent);
             let from_parent = offsets.of_joint(bone.joint());
@@ -164,7 +168,7 @@ impl Rig {
         }
     }
 
-    /// Where each bone begins at rest, from the hips, metres.
+    /// Start of each bone at rest, relative to the hips, metres.
     pub fn rest_heads_m(&self) -> [Vector3<f64>; N_BONES] {
         let mut heads_m = [Vector3::zeros(); N_BONES];
         for bone in Bone::ALL {
@@ -176,12 +180,12 @@ impl Rig {
     }
 }
 
-/// The ball of the foot, from the ankle, where the tip of the foot is at `tip_m` from it: on the sole.
+/// The ball of the foot relative to the ankle, for a tip of the foot at `tip_m`: on the sole.
 fn ball_m(tip_m: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(BALL * tip_m.x, BALL * tip_m.y, tip_m.z)
 }
 
-/// The knuckles from the wrist; both are given from the elbow.
+/// The knuckles relative to the wrist; both are given relative to the elbow.
 fn hand_m(offsets: &Offsets, rest: RestPose, bone: Bone, hand: Joint) -> Vector3<f64> {
     rest.of_bone(bone) * (offsets.of_joint(hand) - offsets.of_joint(bone.joint()))
 }

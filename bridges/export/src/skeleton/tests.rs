@@ -1,4 +1,4 @@
-//! The export skeleton against the body model, for any person in any pose.
+//! Tests: the export skeleton compared with the body model, for any person in any pose.
 
 use farfield_fusion::body::skeleton::dof::{DofGroup, first_of};
 use farfield_fusion::body::skeleton::{
@@ -10,7 +10,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// A pose, any one: turned anywhere, limbs within what bodies can do.
+/// An arbitrary pose: any rotation, limbs within human limits.
 pub(crate) fn any_pose() -> impl Strategy<Value = Pose> {
     (
         prop::array::uniform3(-60.0f64..60.0),
@@ -37,14 +37,14 @@ fn body_of(stature_m: f64, pose: &Pose) -> Kinematics {
     body
 }
 
-/// Rounding of some twenty products of numbers below 100.
+/// Rounding of about twenty products of numbers below 100.
 const EXACT_M: f64 = 1e-9;
 
 proptest! {
     #[test]
     fn bones_begin_at_our_joints(pose in any_pose(), rest in any_rest(), stature_m in 1.0f64..2.2) {
         let body = body_of(stature_m, &pose);
-        let offsets = Offsets::of(&Proportions::from_stature(stature_m));
+        let offsets = Offsets::from_proportions(&Proportions::from_stature(stature_m));
         let rig = Rig::new(&offsets, rest);
         let motion = Motion::of_links(&body, rest);
         let heads_m = motion.heads_m(&rig);
@@ -53,7 +53,7 @@ proptest! {
             let joint_m = body.joint_m(bone.joint());
             let head_m = heads_m[bone.index()];
             let reached_m = match bone {
-                // Its end is the joint.
+                // The end of the toes is the joint.
                 Bone::LeftToes | Bone::RightToes => head_m + world[bone.index()] * rig.tip_m[bone.index()].unwrap(),
                 _ => head_m,
             };
@@ -69,7 +69,7 @@ proptest! {
     }
 
     #[test]
-    fn angles_lead_to_the_pose_that_reports_them(pose in any_pose()) {
+    fn reported_angles_round_trip(pose in any_pose()) {
         let angles = reported_angles(&pose);
         let back = pose_of(&angles);
         let (body, again) = (body_of(1.7, &pose), body_of(1.7, &back));
@@ -79,7 +79,7 @@ proptest! {
     }
 
     #[test]
-    fn the_motion_tells_the_angles_it_was_made_of(pose in any_pose(), rest in any_rest()) {
+    fn motions_reproduce_their_angles(pose in any_pose(), rest in any_rest()) {
         let body = body_of(1.7, &pose);
         let angles = reported_angles(&pose);
         let back = Motion::of_links(&body, rest).angles(rest, &angles);
@@ -90,21 +90,21 @@ proptest! {
     }
 
     #[test]
-    fn z_x_y_angles_are_those_of_their_rotation(angles in prop::array::uniform3(-3.1f64..3.1)) {
+    fn zxy_angles_round_trip(angles in prop::array::uniform3(-3.1f64..3.1)) {
         let rotation = zxy_rotation(angles);
         prop_assert!((zxy_rotation(zxy(&rotation)) - rotation).norm() < 1e-9);
     }
 }
 
 #[test]
-fn at_the_pole_the_rotation_is_kept() {
+fn rotations_at_the_pole_round_trip() {
     for b in [std::f64::consts::FRAC_PI_2, -std::f64::consts::FRAC_PI_2] {
         let rotation = zxy_rotation([0.4, b, 0.9]);
         assert!((zxy_rotation(zxy(&rotation)) - rotation).norm() < 1e-9);
     }
 }
 
-/// A person in a T-pose, arms level.
+/// A person in a T-pose with level arms.
 pub(crate) fn t_pose() -> Pose {
     let mut pose = Pose::neutral(Vector3::new(0.0, 0.0, 0.9), UnitQuaternion::identity());
     for side in Side::BOTH {
@@ -120,7 +120,7 @@ pub(crate) fn t_pose() -> Pose {
 }
 
 #[test]
-fn a_person_in_a_t_pose_turns_no_bone() {
+fn a_t_pose_has_no_bone_rotations() {
     let motion = Motion::of_links(&body_of(1.75, &t_pose()), RestPose::TPose);
     for rotation in motion.rotations {
         assert!(rotation.angle() < 1e-9);
@@ -130,14 +130,14 @@ fn a_person_in_a_t_pose_turns_no_bone() {
 #[test]
 fn a_t_pose_has_level_arms_that_bend_forward() {
     let rig = Rig::new(
-        &Offsets::of(&Proportions::from_stature(1.75)),
+        &Offsets::from_proportions(&Proportions::from_stature(1.75)),
         RestPose::TPose,
     );
     let heads_m = rig.rest_heads_m();
-    let of = |bone: Bone| heads_m[bone.index()];
-    assert!((of(Bone::LeftHand).z - of(Bone::LeftUpperArm).z).abs() < 1e-12);
-    assert!(of(Bone::LeftHand).y > 0.5 && of(Bone::RightHand).y < -0.5);
-    assert!(of(Bone::LeftFoot).z < -0.8);
+    let head_of = |bone: Bone| heads_m[bone.index()];
+    assert!((head_of(Bone::LeftHand).z - head_of(Bone::LeftUpperArm).z).abs() < 1e-12);
+    assert!(head_of(Bone::LeftHand).y > 0.5 && head_of(Bone::RightHand).y < -0.5);
+    assert!(head_of(Bone::LeftFoot).z < -0.8);
     let mut bent = t_pose();
     bent.dof[first_of(Side::Left, DofGroup::Elbow)] = 1.0;
     let body = body_of(1.75, &bent);

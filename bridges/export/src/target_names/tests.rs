@@ -1,4 +1,4 @@
-//! People with hostile names through every format, held to the rules of the programs that read it.
+//! Exports people with hostile names to every format and checks the rules of its readers.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
@@ -13,17 +13,17 @@ use crate::fixture::{json, line_at, summary_json};
 use crate::{Existing, ExportRequest, Format, Options, Written, export};
 
 const N_TICKS: i64 = 3;
-/// What a C3D file of the smallest size has: a head of one block.
+/// Size of the header of a C3D file: one block.
 const BLOCK: usize = 512;
-/// Longest name of a file on the disks of all systems, bytes.
+/// Longest file name that every file system accepts, bytes.
 const LONGEST_FILE_NAME: usize = 255;
 
-/// As many letters as a name may have, of as many bytes as a letter may have.
+/// The longest name allowed, of this letter only.
 fn long(letter: char) -> String {
     letter.to_string().repeat(MOST_WORD_CHARACTERS)
 }
 
-fn hostile() -> BTreeMap<u32, String> {
+fn hostile_names() -> BTreeMap<u32, String> {
     let names = [
         "Anna Maria",
         "A*/B+C",
@@ -42,9 +42,9 @@ fn hostile() -> BTreeMap<u32, String> {
     (1..).zip(names.map(str::to_owned)).collect()
 }
 
-/// All formats of a run of them, whose keypoints have hostile names, too.
-fn exported(folder: &Path) -> Vec<Written> {
-    let names = hostile();
+/// Exports a run with these people and with hostile keypoint names to all formats.
+fn export_all(folder: &Path) -> Vec<Written> {
+    let names = hostile_names();
     let mut poses = String::new();
     for tick in 0..N_TICKS {
         for &person in names.keys() {
@@ -76,30 +76,30 @@ fn exported(folder: &Path) -> Vec<Written> {
 }
 
 #[test]
-fn whatever_people_are_called_each_format_is_one_that_its_readers_take() {
+fn every_format_stays_readable_with_hostile_names() {
     let folder = tempfile::tempdir().unwrap();
-    let written = exported(folder.path());
+    let written = export_all(folder.path());
     let mut files = BTreeSet::new();
     for file in &written {
         let name = file.path.file_name().unwrap().to_str().unwrap();
         assert!(name.len() < LONGEST_FILE_NAME - 50, "{name}");
         assert!(files.insert(name.to_lowercase()), "{name}");
         match file.format {
-            Format::Osim => check_osim(&text_of(file), &called(file)),
+            Format::Osim => check_osim(&text_of(file), &person_name(file)),
             Format::Trc => check_trc(&text_of(file)),
             Format::Mot => check_mot(&text_of(file)),
-            Format::C3d => check_c3d(&fs::read(&file.path).unwrap(), &called(file)),
+            Format::C3d => check_c3d(&fs::read(&file.path).unwrap(), &person_name(file)),
             Format::Bvh => check_bvh(&text_of(file)),
             Format::Csv => drop(rows_of(file, None)),
-            Format::CsvTidy => assert_eq!(rows_of(file, Some("name")), everybody()),
-            Format::Parquet => assert_eq!(names_of_parquet(&file.path), everybody()),
-            Format::Gltf | Format::Glb => assert_eq!(names_of_gltf(file), everybody()),
-            Format::Mcap => assert_eq!(names_of_mcap(&file.path), everybody()),
+            Format::CsvTidy => assert_eq!(rows_of(file, Some("name")), all_names()),
+            Format::Parquet => assert_eq!(names_of_parquet(&file.path), all_names()),
+            Format::Gltf | Format::Glb => assert_eq!(names_of_gltf(file), all_names()),
+            Format::Mcap => assert_eq!(names_of_mcap(&file.path), all_names()),
         }
     }
-    // One of each format; of those with a person a file, one for each.
-    let of_one = Format::ALL.iter().filter(|(_, it)| !it.holds_all()).count();
-    let n = Format::ALL.len() + of_one * (everybody().len() - 1);
+    // One file per format; one per person for formats that hold one person.
+    let single = Format::ALL.iter().filter(|(_, it)| !it.holds_all()).count();
+    let n = Format::ALL.len() + single * (all_names().len() - 1);
     assert_eq!(written.len(), n);
 }
 
@@ -107,15 +107,15 @@ fn text_of(file: &Written) -> String {
     fs::read_to_string(&file.path).unwrap()
 }
 
-fn called(file: &Written) -> String {
-    hostile()[&file.people[0]].clone()
+fn person_name(file: &Written) -> String {
+    hostile_names()[&file.people[0]].clone()
 }
 
-fn everybody() -> BTreeSet<String> {
-    hostile().into_values().collect()
+fn all_names() -> BTreeSet<String> {
+    hostile_names().into_values().collect()
 }
 
-/// `OpenSim` refuses these in names of components; XML refuses a bare `&` or `<`.
+/// `OpenSim` refuses some characters in component names; XML refuses a bare `&` or `<`.
 fn check_osim(text: &str, name: &str) {
     let names: Vec<&str> = text
         .split(" name=\"")
@@ -139,7 +139,7 @@ fn check_osim(text: &str, name: &str) {
     }
 }
 
-/// A name is one cell, and as many are there as the head counts.
+/// Each name is one cell, and there are as many names as the header says.
 fn check_trc(text: &str) {
     let lines: Vec<&str> = text.lines().collect();
     let n_markers: usize = lines[2].split('\t').nth(3).unwrap().parse().unwrap();
@@ -168,7 +168,7 @@ fn check_mot(text: &str) {
     assert_eq!(counts.collect::<BTreeSet<usize>>().len(), 1);
 }
 
-/// A bone is a word.
+/// Bone names contain no spaces.
 fn check_bvh(text: &str) {
     for line in text.lines().map(str::trim) {
         if line.starts_with("ROOT") || line.starts_with("JOINT") {
@@ -177,7 +177,7 @@ fn check_bvh(text: &str) {
     }
 }
 
-/// Walks the parameters as a reader does that takes lengths for signed bytes.
+/// Reads the parameters like a reader that treats lengths as signed bytes.
 fn check_c3d(bytes: &[u8], name: &str) {
     let signed = |at: usize| usize::try_from(bytes[at].cast_signed()).unwrap();
     let mut texts: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -204,7 +204,7 @@ fn check_c3d(bytes: &[u8], name: &str) {
     assert_eq!(labels.len(), texts["LABELS"].len());
 }
 
-/// The values of a column; that every row has as many cells as the head is for the reader to say.
+/// Values of a column. The reader fails if a row has a different length from the header.
 fn rows_of(file: &Written, column: Option<&str>) -> BTreeSet<String> {
     let mut reader = csv::Reader::from_path(&file.path).unwrap();
     let head = reader.headers().unwrap().clone();
@@ -253,7 +253,7 @@ fn names_of_mcap(path: &Path) -> BTreeSet<String> {
 }
 
 #[test]
-fn what_is_too_long_for_c3d_ends_with_a_whole_letter_and_stays_apart() {
+fn long_c3d_texts_are_cut_between_letters_and_stay_unique() {
     let name = long('é');
     assert_eq!(name.len(), 128);
     assert_eq!(c3d_text(&name), "é".repeat(63));
@@ -267,7 +267,7 @@ fn what_is_too_long_for_c3d_ends_with_a_whole_letter_and_stays_apart() {
 }
 
 #[test]
-fn the_name_of_a_file_fits_every_disk() {
+fn file_names_fit_every_file_system() {
     assert_eq!(file_word("A*/B+C"), "A__B_C");
     for letter in ['a', 'é', '漢', '𝔸'] {
         let word = file_word(&long(letter));

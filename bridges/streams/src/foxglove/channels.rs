@@ -1,4 +1,4 @@
-//! The channels of a live stream: their numbers, and how clients are told of them.
+//! Channels of a live stream: their ids, and the messages that advertise them.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -15,21 +15,21 @@ pub(super) enum Channel {
     People,
     Frames,
     CameraFrames,
-    /// Of the camera with this place in the venue.
+    /// Calibration of the camera with this index in the venue.
     Calibration(u32),
-    /// Of the person with this id.
+    /// Angles of the person with this id.
     Angles(u32),
 }
 
-/// Numbers of cameras begin here.
+/// First channel id of cameras.
 const FIRST_CAMERA: u32 = 16;
-/// Numbers of persons begin here; ids go on from 0 when there are no more.
+/// First channel id of people; person ids wrap around beyond the range.
 const FIRST_PERSON: u32 = 1 << 16;
-/// Most persons that have a number.
+/// Size of the range of people.
 const PERSONS: u32 = 1 << 30;
 
 impl Channel {
-    /// Its number on the wire.
+    /// The channel id on the wire.
     pub(super) fn id(self) -> u32 {
         match self {
             Self::People => 1,
@@ -40,8 +40,8 @@ impl Channel {
         }
     }
 
-    /// That of a number.
-    pub(super) fn of_id(id: u32) -> Option<Self> {
+    /// The channel with this id.
+    pub(super) fn from_id(id: u32) -> Option<Self> {
         match id {
             1 => Some(Self::People),
             2 => Some(Self::Frames),
@@ -76,7 +76,7 @@ impl Channel {
     }
 }
 
-/// Those that are there whoever is: people, and where cameras are known these.
+/// Channels that do not depend on people: people, and cameras if known.
 pub(super) fn lasting(venue: &Venue) -> Vec<Channel> {
     let mut channels = vec![Channel::People, Channel::Frames];
     if !venue.cameras.is_empty() {
@@ -89,7 +89,7 @@ pub(super) fn lasting(venue: &Venue) -> Vec<Channel> {
 
 #[derive(Serialize)]
 #[serde(tag = "op", rename_all = "camelCase")]
-enum Said<'a> {
+enum ServerMessage<'a> {
     #[serde(rename_all = "camelCase")]
     ServerInfo {
         name: String,
@@ -116,24 +116,24 @@ struct Advertised {
     schema_encoding: String,
 }
 
-impl Said<'_> {
+impl ServerMessage<'_> {
     fn text(&self) -> String {
-        // Strings and numbers under keys that are strings cannot fail.
+        // Strings and numbers under string keys cannot fail.
         serde_json::to_string(self).unwrap_or_default()
     }
 }
 
-/// What a client hears first.
+/// The first message to a client.
 pub(super) fn server_info(venue: &Venue) -> String {
-    let said = Said::ServerInfo {
+    let info = ServerMessage::ServerInfo {
         name: format!("Farfield: {}", venue.name),
         capabilities: [],
         metadata: serde_json::Map::new(),
     };
-    said.text()
+    info.text()
 }
 
-/// That these channels can be subscribed to.
+/// Advertises channels.
 pub(super) fn advertise(venue: &Venue, channels: impl IntoIterator<Item = Channel>) -> String {
     let advertised = channels.into_iter().filter_map(|channel| {
         let content = channel.content();
@@ -143,7 +143,7 @@ pub(super) fn advertise(venue: &Venue, channels: impl IntoIterator<Item = Channe
             topic: channel.topic(venue)?,
             encoding: content.encoding(),
             schema_name: schema.name,
-            // Text as it is, all else as base64.
+            // Text is sent as it is, binary data as base64.
             schema: match content {
                 Content::Angles => String::from_utf8_lossy(&schema.data).into_owned(),
                 _ => STANDARD.encode(&schema.data),
@@ -152,13 +152,13 @@ pub(super) fn advertise(venue: &Venue, channels: impl IntoIterator<Item = Channe
         })
     });
     let channels = advertised.collect();
-    Said::Advertise { channels }.text()
+    ServerMessage::Advertise { channels }.text()
 }
 
-/// That these channels are no more.
+/// Withdraws channels.
 pub(super) fn unadvertise(channels: impl IntoIterator<Item = Channel>) -> String {
     let channel_ids = channels.into_iter().map(Channel::id).collect();
-    Said::Unadvertise { channel_ids }.text()
+    ServerMessage::Unadvertise { channel_ids }.text()
 }
 
 #[cfg(test)]
@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_channel_has_a_number_and_is_found_by_it() {
+    fn channel_ids_round_trip() {
         for channel in [
             Channel::People,
             Channel::Frames,
@@ -176,8 +176,11 @@ mod tests {
             Channel::Angles(0),
             Channel::Angles(1_000_000),
         ] {
-            assert_eq!(Channel::of_id(channel.id()), Some(channel));
+            assert_eq!(Channel::from_id(channel.id()), Some(channel));
         }
-        assert_eq!([Channel::of_id(0), Channel::of_id(u32::MAX)], [None, None]);
+        assert_eq!(
+            [Channel::from_id(0), Channel::from_id(u32::MAX)],
+            [None, None]
+        );
     }
 }

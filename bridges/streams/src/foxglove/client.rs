@@ -1,4 +1,4 @@
-//! One client: what it has subscribed to, what it is told, pure.
+//! State of one client: its subscriptions and advertised channels. Pure.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,24 +11,24 @@ use super::channels::{Channel, advertise, lasting, server_info, unadvertise};
 use super::encoded::Encoded;
 use crate::frame::{Frame, Roster};
 
-/// Most subscriptions of a client.
+/// Maximum number of subscriptions per client.
 const MAX_SUBSCRIPTIONS: usize = 4096;
-/// The first byte of a message of a channel.
+/// First byte of a message on a channel.
 const MESSAGE_DATA: u8 = 1;
 
-/// What a client may ask for; all else is not looked at.
+/// Supported requests of clients; all others are ignored.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase")]
 pub enum Request {
-    /// Messages of channels.
+    /// Subscribe to channels.
     Subscribe {
-        /// Which.
+        /// The subscriptions.
         subscriptions: Vec<Subscription>,
     },
-    /// No more of them.
+    /// Remove subscriptions.
     #[serde(rename_all = "camelCase")]
     Unsubscribe {
-        /// Numbers of subscriptions.
+        /// Ids of the subscriptions.
         subscription_ids: Vec<u32>,
     },
 }
@@ -37,14 +37,14 @@ pub enum Request {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Subscription {
-    /// The client's own number of it.
+    /// The client's id of the subscription.
     pub id: u32,
-    /// Number of the channel.
+    /// Id of the channel.
     pub channel_id: u32,
 }
 
 impl Request {
-    /// The request in a text; `None`: it is none.
+    /// Parses a request; `None` if it is not supported.
     pub fn parse(text: &str) -> Option<Self> {
         serde_json::from_str(text).ok()
     }
@@ -53,10 +53,10 @@ impl Request {
 /// A client.
 #[derive(Debug, Default)]
 pub(super) struct Client {
-    /// Channels by the client's numbers.
+    /// Channels by the client's subscription ids.
     subscriptions: BTreeMap<u32, Channel>,
-    /// Persons whose channels it was told of, and with which roster.
-    told: (Option<u64>, BTreeSet<u32>),
+    /// Version of the roster whose people were advertised, and their ids.
+    advertised: (Option<u64>, BTreeSet<u32>),
 }
 
 impl Client {
@@ -64,30 +64,31 @@ impl Client {
         !self.subscriptions.is_empty()
     }
 
-    /// What a new client hears: who serves it, and the channels.
+    /// Messages for a new client: server information and channels.
     pub(super) fn welcome(&mut self, venue: &Venue, newest: Option<&Frame>) -> Vec<Message> {
         let channels = advertise(venue, lasting(venue));
-        let mut said = vec![Message::text(server_info(venue)), Message::text(channels)];
+        let mut messages = vec![Message::text(server_info(venue)), Message::text(channels)];
         if let Some(frame) = newest {
-            said.extend(self.tell_of_people(venue, &frame.roster));
+            messages.extend(self.advertise_people(venue, &frame.roster));
         }
-        said
+        messages
     }
 
-    /// The messages of channels that do not change, to who has just subscribed to them.
+    /// Handles a request; returns the messages of constant channels that were just subscribed.
     pub(super) fn answer(&mut self, text: &str, venue: &Venue, now: Stamp) -> Vec<Message> {
         match Request::parse(text) {
             Some(Request::Subscribe { subscriptions }) => subscriptions
                 .into_iter()
-                .filter_map(|asked| {
-                    let channel = Channel::of_id(asked.channel_id)?;
-                    // One number a channel: what is said to a client is not said to it a thousand times.
-                    let is_new = !self.subscriptions.contains_key(&asked.id)
+                .filter_map(|requested| {
+                    let channel = Channel::from_id(requested.channel_id)?;
+                    // One subscription per channel, so that a client cannot request the same data a
+                    // thousand times.
+                    let is_new = !self.subscriptions.contains_key(&requested.id)
                         && !self.subscriptions.values().any(|it| *it == channel);
                     if !is_new || self.subscriptions.len() >= MAX_SUBSCRIPTIONS {
                         return None;
                     }
-                    self.subscriptions.insert(asked.id, channel);
+                    self.subscriptions.insert(requested.id, channel);
                     let message = match channel {
                         Channel::CameraFrames => camera_frames(now, &venue.cameras),
                         Channel::Calibration(camera) => {
@@ -95,7 +96,7 @@ impl Client {
                         }
                         _ => return None,
                     };
-                    Some(data(asked.id, now, &message))
+                    Some(data(requested.id, now, &message))
                 })
                 .collect(),
             Some(Request::Unsubscribe { subscription_ids }) => {
@@ -108,10 +109,10 @@ impl Client {
         }
     }
 
-    /// What is said of a frame, and whether there is anything of people in it.
+    /// The messages for a frame, and whether they contain data of people.
     pub(super) fn frame(&mut self, venue: &Venue, encoded: &Encoded) -> (Vec<Message>, bool) {
-        let mut messages = self.tell_of_people(venue, &encoded.frame.roster);
-        let told = messages.len();
+        let mut messages = self.advertise_people(venue, &encoded.frame.roster);
+        let before = messages.len();
         for (id, channel) in &self.subscriptions {
             let message = match channel {
                 Channel::People => Some(encoded.people()),
@@ -121,35 +122,37 @@ impl Client {
             };
             messages.extend(message.map(|message| data(*id, encoded.stamp, message)));
         }
-        let is_data = messages.len() > told;
+        let is_data = messages.len() > before;
         (messages, is_data)
     }
 
-    /// That channels of persons have come and gone since the last time.
-    fn tell_of_people(&mut self, venue: &Venue, roster: &Roster) -> Vec<Message> {
-        let (version, told) = &mut self.told;
+    /// Advertises changes of the people's channels since the last call.
+    fn advertise_people(&mut self, venue: &Venue, roster: &Roster) -> Vec<Message> {
+        let (version, advertised) = &mut self.advertised;
         if version.replace(roster.version) == Some(roster.version) {
             return Vec::new();
         }
         let there: BTreeSet<u32> = roster.people.iter().map(|entry| entry.id.0).collect();
-        let before = std::mem::replace(told, there);
-        let come = told.difference(&before).map(|id| Channel::Angles(*id));
-        let gone = before.difference(told).map(|id| Channel::Angles(*id));
+        let before = std::mem::replace(advertised, there);
+        let come = advertised
+            .difference(&before)
+            .map(|id| Channel::Angles(*id));
+        let gone = before.difference(advertised).map(|id| Channel::Angles(*id));
         let (come, gone): (Vec<Channel>, Vec<Channel>) = (come.collect(), gone.collect());
-        let mut said = Vec::new();
+        let mut messages = Vec::new();
         if !gone.is_empty() {
             self.subscriptions
                 .retain(|_, channel| !gone.contains(channel));
-            said.push(Message::text(unadvertise(gone)));
+            messages.push(Message::text(unadvertise(gone)));
         }
         if !come.is_empty() {
-            said.push(Message::text(advertise(venue, come)));
+            messages.push(Message::text(advertise(venue, come)));
         }
-        said
+        messages
     }
 }
 
-/// A message of a channel: what it is, the client's number, Unix time in nanoseconds, and its bytes.
+/// A data message: type, subscription id, Unix time in nanoseconds, content.
 fn data(subscription: u32, stamp: Stamp, message: &[u8]) -> Message {
     let mut bytes = Vec::with_capacity(13 + message.len());
     bytes.push(MESSAGE_DATA);
@@ -183,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_gets_what_it_has_subscribed_to_and_is_told_who_comes() {
+    fn clients_receive_subscribed_data_and_new_channels() {
         let (venue, encoder, mut client) = (venue(), Encoder::default(), Client::default());
         let mut maker = FrameMaker::new(synthetic::facts());
         let welcome = texts(&client.welcome(&venue, None));
@@ -195,7 +198,7 @@ mod tests {
             .collect();
         assert_eq!(topics[0], "/people");
         assert_eq!(topics.len(), 3 + synthetic::CAMERAS.len(), "{topics:?}");
-        // What does not change is sent at once to who asks for it.
+        // Constant messages are sent immediately on subscription.
         let request = r#"{"op":"subscribe","subscriptions":[{"id":1,"channelId":3}]}"#;
         let cameras = client.answer(request, &venue, encoder.now());
         let [cameras] = &cameras[..] else {
@@ -216,7 +219,7 @@ mod tests {
         let request = r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":1},{"id":8,"channelId":65537}]}"#;
         assert!(client.answer(request, &venue, encoder.now()).is_empty());
         let frame = Arc::new(maker.frame(&synthetic::poses_at(1, 0)));
-        let (messages, is_data) = client.frame(&venue, &encoder.of(&frame));
+        let (messages, is_data) = client.frame(&venue, &encoder.encode(&frame));
         assert!(is_data);
         assert_eq!(
             texts(&messages)[0]["channels"][0]["topic"],
@@ -227,9 +230,9 @@ mod tests {
             .map(|message| message.clone().into_data()[1])
             .collect();
         assert_eq!(numbers, [7, 8]);
-        // Nobody new, nothing said of it.
+        // No new people, so nothing is advertised.
         let frame = Arc::new(maker.frame(&synthetic::poses_at(1, 1)));
-        let (messages, _) = client.frame(&venue, &encoder.of(&frame));
+        let (messages, _) = client.frame(&venue, &encoder.encode(&frame));
         assert!(texts(&messages).is_empty());
         client.answer(
             r#"{"op":"unsubscribe","subscriptionIds":[7,8]}"#,
@@ -237,11 +240,11 @@ mod tests {
             encoder.now(),
         );
         let frame = Arc::new(maker.frame(&synthetic::poses_at(1, 2)));
-        assert!(!client.frame(&venue, &encoder.of(&frame)).1);
+        assert!(!client.frame(&venue, &encoder.encode(&frame)).1);
     }
 
     #[test]
-    fn what_is_no_request_is_not_looked_at() {
+    fn unsupported_requests_are_ignored() {
         for text in [
             "",
             "{}",
@@ -252,22 +255,23 @@ mod tests {
         }
     }
 
-    /// How many subscriptions are kept of 10,000 to the channel that each number is given.
-    fn kept_of_many(channel_of: impl Fn(u32) -> u32) -> usize {
+    /// Number of subscriptions kept of 10,000, where `channel_of` gives the channel of each.
+    fn subscriptions_of_many(channel_of: impl Fn(u32) -> u32) -> usize {
         let (venue, encoder, mut client) = (venue(), Encoder::default(), Client::default());
         for first in (0..10_000).step_by(100) {
-            let asked: Vec<_> = (first..first + 100)
+            let requested: Vec<_> = (first..first + 100)
                 .map(|id| serde_json::json!({"id": id, "channelId": channel_of(id)}))
                 .collect();
-            let text = serde_json::json!({"op": "subscribe", "subscriptions": asked}).to_string();
+            let text =
+                serde_json::json!({"op": "subscribe", "subscriptions": requested}).to_string();
             client.answer(&text, &venue, encoder.now());
         }
         client.subscriptions.len()
     }
 
     #[test]
-    fn subscriptions_are_bounded_and_a_channel_is_said_once() {
-        assert_eq!(kept_of_many(|_| 1), 1);
-        assert_eq!(kept_of_many(|id| 65_537 + id), MAX_SUBSCRIPTIONS);
+    fn subscriptions_are_limited_and_unique_per_channel() {
+        assert_eq!(subscriptions_of_many(|_| 1), 1);
+        assert_eq!(subscriptions_of_many(|id| 65_537 + id), MAX_SUBSCRIPTIONS);
     }
 }

@@ -1,4 +1,4 @@
-//! The messages of a frame, each made once, for all clients, when the first of them wants it.
+//! Encoded messages of a frame; each is created once for all clients, at the first request.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -11,7 +11,7 @@ use farfield_proto::id::PersonId;
 use crate::frame::{Frame, PersonFrame};
 use crate::wall_clock::{WallClock, since_1970};
 
-/// Who is not said again is drawn for so long, seconds.
+/// Lifetime of a drawn person that is not updated, seconds.
 const LIFETIME_S: f64 = 1.0;
 
 /// A frame and its messages.
@@ -75,12 +75,12 @@ fn body(person: &PersonFrame) -> Body<'_> {
     }
 }
 
-/// Encodes frames, and stamps them.
+/// Encodes and stamps frames.
 #[derive(Debug, Default)]
 pub(super) struct Encoder(Mutex<(WallClock, Option<Arc<Encoded>>)>);
 
 impl Encoder {
-    pub(super) fn of(&self, frame: &Arc<Frame>) -> Arc<Encoded> {
+    pub(super) fn encode(&self, frame: &Arc<Frame>) -> Arc<Encoded> {
         let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (clock, encoded) = &mut *last;
         match encoded {
@@ -94,18 +94,18 @@ impl Encoder {
         }
     }
 
-    /// The stamp of what has no tick.
+    /// The stamp for messages without a tick.
     pub(super) fn now(&self) -> Stamp {
         let last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (_, encoded) = &*last;
-        // Not later than what came before it.
+        // Not later than messages already sent.
         let newest = encoded.as_ref().map(|it| it.stamp);
         newest.unwrap_or_else(|| stamp(since_1970()))
     }
 }
 
 fn stamp(since_1970: Duration) -> Stamp {
-    // Until 2554.
+    // Valid until 2554.
     Stamp {
         nanos: u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX),
     }

@@ -1,13 +1,15 @@
-//! Foxglove's WebSocket protocol: its program, and Lichtblick, show people and cameras live, without a plug-in.
+//! Foxglove's WebSocket protocol: Foxglove and Lichtblick show people and cameras live, without a
+//! plug-in.
 //!
-//! Messages are those of [`farfield_export::formats::foxglove`], so a live stream looks like an exported file. A client is
-//! told of channels, subscribes to some, and gets each frame's messages of these. It cannot publish, call or set anything:
-//! the server says that it is capable of nothing else, and looks at nothing else.
+//! Messages are those of [`farfield_export::formats::foxglove`], so a live stream looks like an
+//! exported file. The server advertises channels, and a client receives the frames of those it
+//! subscribes to. Clients cannot publish, call services or set parameters: the server announces no
+//! capabilities and ignores other requests.
 //!
-//! Time stamps are Unix time: that of the first frame, when it came, and from then on the venue's clock.
+//! Time stamps are Unix time: the arrival of the first frame, continued with the venue's clock.
 //!
-//! Sources: <https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md>; `foxglove.sdk.v1` differs from it in name alone
-//! for what is used here (crate `foxglove` 0.30, `protocol::v1`).
+//! Sources: <https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md>; for this subset,
+//! `foxglove.sdk.v1` differs only in its name (crate `foxglove` 0.30, `protocol::v1`).
 
 mod channels;
 mod client;
@@ -20,32 +22,31 @@ use std::sync::Arc;
 use farfield_proto::camera::CameraModel;
 use tokio::net::TcpStream;
 
-use crate::connection::{Etiquette, Received, accept_connection};
+use crate::connection::{ConnectionRules, Received, accept_connection};
 use crate::server::{listen, take_clients};
-use crate::shell::Shell;
-use crate::slot::Feed;
+use crate::slot::{Feed, Shell};
 
 use client::Client;
 use encoded::Encoder;
 
 pub use client::Request;
 
-const ETIQUETTE: Etiquette = Etiquette {
-    // Subscriptions to every channel of a crowd.
+const RULES: ConnectionRules = ConnectionRules {
+    // Enough for subscriptions to every channel of a crowd.
     max_incoming: 64 * 1024,
     protocols: &["foxglove.sdk.v1", "foxglove.websocket.v1"],
-    // The program itself, where it is a page.
+    // The web version of Foxglove.
     origins: &["https://app.foxglove.dev"],
 };
 
-/// What clients are told of the venue.
+/// The venue as shown to clients.
 #[derive(Debug)]
 pub(crate) struct Venue {
     pub(crate) name: String,
     pub(crate) cameras: Vec<CameraModel>,
 }
 
-/// Serves clients at `address`; says where, as the port may have been left open.
+/// Serves clients at `address`; returns the bound address, since the port may be 0.
 pub(crate) fn serve(address: SocketAddr, venue: Venue, shell: &Shell) -> io::Result<SocketAddr> {
     let listener = listen(address)?;
     let bound = listener.local_addr()?;
@@ -71,7 +72,7 @@ async fn serve_client(
     (feed, served)
 }
 
-/// Until the client leaves, or takes nothing for too long.
+/// Runs until the client leaves or accepts nothing for too long.
 async fn send_frames(
     socket: TcpStream,
     venue: &Venue,
@@ -82,7 +83,7 @@ async fn send_frames(
     let mut connection = tokio::select! {
         biased;
         () = shell.stop.cancelled() => return Ok(()),
-        connected = accept_connection(socket, ETIQUETTE) => connected?,
+        connected = accept_connection(socket, RULES) => connected?,
     };
     let mut client = Client::default();
     let welcome = client.welcome(venue, feed.newest().as_deref());
@@ -104,12 +105,12 @@ async fn send_frames(
                         feed.catch_up();
                     }
                 }
-                Received::Something => {}
-                Received::Goodbye => return Ok(()),
+                Received::Other => {}
+                Received::Closed => return Ok(()),
             },
             frame = feed.next() => {
                 let Some(frame) = frame else { return Ok(()) };
-                let (messages, is_data) = client.frame(venue, &encoder.of(&frame));
+                let (messages, is_data) = client.frame(venue, &encoder.encode(&frame));
                 connection.send(messages, &shell.stop).await?;
                 if is_data {
                     shell.counters.sent();

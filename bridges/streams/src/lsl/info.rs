@@ -1,4 +1,4 @@
-//! What the stream is: the XML that inlets find it by, and the longer one that says what its channels are.
+//! Description of the stream: short XML for discovery, and full XML with the channels.
 
 use std::fmt::Write as _;
 
@@ -7,18 +7,18 @@ use farfield_fusion::body::skeleton::Joint;
 use super::PLACES;
 use super::sample::N_CHANNELS;
 
-/// What tells a stream from others.
+/// Identification of a stream.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Info {
     /// Name of the venue.
     pub venue: String,
-    /// Samples per second, but for those that are skipped.
+    /// Samples per second, not counting skipped ones.
     pub rate_hz: f64,
-    /// Of this outlet alone: another one with every start. Small letters: inlets compare it so.
+    /// Unique id of this outlet, new at every start. In lower case, since inlets compare it so.
     pub uid: String,
-    /// The machine.
+    /// Name of the machine.
     pub hostname: String,
-    /// When the outlet was made, seconds of its clock.
+    /// Creation time of the outlet, seconds of its clock.
     pub created_at_s: f64,
     /// The TCP port of samples.
     pub data_port: u16,
@@ -27,7 +27,7 @@ pub struct Info {
 }
 
 impl Info {
-    /// Its fields as inlets may ask for them, in order.
+    /// Its fields, in order, for queries of inlets.
     pub fn fields(&self) -> [(&'static str, String); 17] {
         let (venue, hostname) = (&self.venue, &self.hostname);
         [
@@ -35,7 +35,7 @@ impl Info {
             ("type", "MoCap".to_owned()),
             ("channel_count", N_CHANNELS.to_string()),
             ("channel_format", "float32".to_owned()),
-            // The same after a restart: inlets take up again what they had.
+            // Constant over restarts, so that inlets resume.
             ("source_id", format!("farfield-{venue}-{hostname}")),
             ("nominal_srate", format!("{:?}", self.rate_hz)),
             ("version", "1.10".to_owned()),
@@ -43,7 +43,7 @@ impl Info {
             ("uid", self.uid.clone()),
             ("session_id", "default".to_owned()),
             ("hostname", hostname.clone()),
-            // Inlets write down where the answer came from.
+            // Inlets record the sender's address themselves.
             ("v4address", String::new()),
             ("v4data_port", self.data_port.to_string()),
             ("v4service_port", self.service_port.to_string()),
@@ -53,12 +53,12 @@ impl Info {
         ]
     }
 
-    /// What inlets find it by.
+    /// For discovery.
     pub fn short_xml(&self) -> String {
         self.xml("<desc />")
     }
 
-    /// With what its channels are.
+    /// With the description of the channels.
     pub fn full_xml(&self) -> String {
         self.xml(&desc())
     }
@@ -66,7 +66,7 @@ impl Info {
     fn xml(&self, desc: &str) -> String {
         let mut text = "<?xml version=\"1.0\"?>\n<info>\n".to_owned();
         for (name, value) in self.fields() {
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             writeln!(text, "\t<{name}>{}</{name}>", escaped(&value)).ok();
         }
         text.push('\t');
@@ -76,7 +76,7 @@ impl Info {
     }
 }
 
-/// Text as it may stand between marks; control characters, which XML has no way to say, are left out.
+/// Escapes text; control characters, which XML cannot represent, are dropped.
 fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
@@ -91,11 +91,10 @@ fn escaped(text: &str) -> String {
     safe
 }
 
-/// The description: of each channel label, marker, object, type and unit, under XDF's names.
+/// The description: label, marker, object, type and unit of each channel, with XDF's names.
 fn desc() -> String {
     let mut text = "<desc>\n\t\t<channels>\n".to_owned();
-    let mut channel = |label: &str, of: [&str; 2], kind: &str, unit: &str| {
-        let [marker, object] = of;
+    let mut channel = |label: &str, [marker, object]: [&str; 2], kind: &str, unit: &str| {
         writeln!(
             text,
             "\t\t\t<channel><label>{label}</label><marker>{marker}</marker><object>{object}</object><type>{kind}</type><unit>{unit}</unit></channel>"
@@ -144,7 +143,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_stream_says_what_it_is_in_xml() {
+    fn the_short_xml_describes_the_stream() {
         let xml = info().short_xml();
         assert!(xml.starts_with("<?xml version=\"1.0\"?>\n<info>\n\t<name>farfield-a &lt;b&gt; &amp; c</name>\n\t<type>MoCap</type>\n"));
         assert!(xml.contains("<channel_count>713</channel_count>"));

@@ -1,20 +1,21 @@
-//! Lab Streaming Layer, as an outlet: found by UDP, sent by TCP, with a clock that inlets can ask for.
+//! Lab Streaming Layer outlet: discovered by UDP, sent by TCP, with a clock that inlets can query.
 //!
-//! Source: the protocol as `liblsl` speaks it, version 1.10, with the older 1.00 for inlets that can no more;
-//! <https://labstreaminglayer.readthedocs.io>; metadata as XDF's, <https://github.com/sccn/xdf/wiki>.
+//! Source: the protocol of `liblsl`, version 1.10, with the older 1.00 for inlets that support no
+//! more; <https://labstreaminglayer.readthedocs.io>; metadata as in XDF,
+//! <https://github.com/sccn/xdf/wiki>.
 //!
-//! One stream of the type `MoCap`, whose channels never change: the tick, and for each of [`PLACES`] people an id, whether the person is
-//! seen, and the joints ([`sample`]). Who comes takes the first free place and keeps it; the numbers of a place that nobody has are
-//! not a number, its id is 0. Beyond [`PLACES`] people nobody gets one.
+//! There is one stream of the type `MoCap` with constant channels: the tick, and for each of
+//! [`PLACES`] people an id, whether the person is seen, and the joints ([`sample`]). A new person
+//! gets the first free place and keeps it. An empty place has the id 0 and NaN as values. People
+//! beyond [`PLACES`] get no place.
 //!
-//! | module | what |
+//! | module | content |
 //! | --- | --- |
-//! | [`info`] | what the stream is, in XML |
-//! | [`query`] | whether that is what somebody looks for |
-//! | [`request`] | what inlets ask, by TCP and by UDP |
-//! | [`sample`] | the numbers of a frame, as channels and as bytes |
-//! | `outlet`, `server` | the newest sample, stamped; the tasks |
-//! | `unsent` | what waits for one inlet |
+//! | [`info`] | description of the stream, in XML |
+//! | [`query`] | evaluation of inlets' queries |
+//! | [`request`] | requests of inlets, by TCP and UDP |
+//! | [`sample`] | values of a frame, as channels and bytes |
+//! | `outlet`, `server` | the newest sample with its stamp, and the queue of an inlet; the tasks |
 
 pub mod info;
 mod outlet;
@@ -22,17 +23,16 @@ pub mod query;
 pub mod request;
 pub mod sample;
 mod server;
-mod unsent;
 
 pub(crate) use self::server::serve;
 
 /// People whose joints have channels.
 pub const PLACES: u16 = 8;
-/// The version of the protocol that is spoken, hundredths.
+/// Supported protocol version, hundredths.
 pub const VERSION: u32 = 110;
-/// The version that inlets speak which know no other, hundredths.
+/// Oldest supported protocol version, hundredths.
 pub const OLD_VERSION: u32 = 100;
-/// The port that inlets ask at who looks for what, on this machine, by broadcast and by multicast.
+/// Port for discovery queries on this machine, by broadcast and by multicast.
 pub const DISCOVERY_PORT: u16 = 16571;
-/// Ports of an outlet, from the first: those that inlets try of a machine that they know.
+/// Number of ports of an outlet from the first one; inlets try them on known machines.
 pub const PORTS: u16 = 32;

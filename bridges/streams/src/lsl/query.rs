@@ -1,12 +1,13 @@
-//! Whether a stream is what an inlet looks for: a part of `XPath` 1.0, over the fields of the stream.
+//! Evaluates an inlet's query: a part of `XPath` 1.0 over the fields of the stream.
 //!
-//! `session_id='default' and (type='MoCap' or starts-with(name, 'farfield'))`: names of fields, texts, numbers, `=`, `!=`, `<`, `<=`, `>`,
-//! `>=`, `and`, `or`, brackets, `not`, `contains`, `starts-with`, `true`, `false`. Paths into the description are not understood. A query that is
-//! not understood is met by no stream, as `liblsl` has it.
+//! `session_id='default' and (type='MoCap' or starts-with(name, 'farfield'))`: field names, texts,
+//! numbers, `=`, `!=`, `<`, `<=`, `>`, `>=`, `and`, `or`, brackets, `not`, `contains`,
+//! `starts-with`, `true`, `false`. Paths into the description are not supported. An unsupported
+//! query matches no stream, as in `liblsl`.
 
-/// Most brackets inside one another.
+/// Maximum depth of brackets.
 const DEEPEST: usize = 32;
-/// Functions, and how many arguments they take.
+/// Functions with their number of arguments.
 const FUNCTIONS: [(&str, usize); 5] = [
     ("not", 1),
     ("contains", 2),
@@ -15,7 +16,7 @@ const FUNCTIONS: [(&str, usize); 5] = [
     ("false", 0),
 ];
 
-/// Whether a stream of these `fields` is meant by `query`; an empty one means all.
+/// Whether a stream with these `fields` matches `query`; an empty query matches all.
 pub fn is_met(query: &str, fields: &[(&'static str, String)]) -> bool {
     let query = query.trim();
     if query.is_empty() {
@@ -24,13 +25,13 @@ pub fn is_met(query: &str, fields: &[(&'static str, String)]) -> bool {
     let Some(tokens) = tokens(query) else {
         return false;
     };
-    let mut reader = Reader {
+    let mut parser = Parser {
         tokens: &tokens,
         fields,
         depth: 0,
     };
-    let met = reader.alternatives();
-    met.is_some_and(|value| reader.tokens.is_empty() && value.is_true())
+    let met = parser.alternatives();
+    met.is_some_and(|value| parser.tokens.is_empty() && value.is_true())
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,7 +73,7 @@ fn tokens(mut rest: &str) -> Option<Vec<Token<'_>>> {
     }
 }
 
-/// What of `text` begins it and `is_of` it, and the rest.
+/// Splits `text` after the leading characters for which `is_of` holds.
 fn cut(text: &str, is_of: impl Fn(char) -> bool) -> (&str, &str) {
     let end = text.find(|c| !is_of(c)).unwrap_or(text.len());
     text.split_at_checked(end).unwrap_or((text, ""))
@@ -113,7 +114,7 @@ impl Value<'_> {
         }
     }
 
-    /// Compares as `XPath` does: a field that is not there is like nothing, not even unlike.
+    /// Compares as `XPath` does: with a missing field, every comparison is false, even `!=`.
     fn compare(&self, sign: &str, other: &Self) -> bool {
         if matches!(self, Self::Field(None)) || matches!(other, Self::Field(None)) {
             return false;
@@ -138,21 +139,21 @@ impl Value<'_> {
     }
 }
 
-/// Reads tokens from the left; `None`: it is not understood.
-struct Reader<'t, 'a> {
+/// Parses tokens from the left; `None` means that the query is not supported.
+struct Parser<'t, 'a> {
     tokens: &'t [Token<'a>],
     fields: &'a [(&'static str, String)],
     depth: usize,
 }
 
-impl<'a> Reader<'_, 'a> {
+impl<'a> Parser<'_, 'a> {
     fn next(&mut self) -> Option<Token<'a>> {
         let (first, rest) = self.tokens.split_first()?;
         self.tokens = rest;
         Some(*first)
     }
 
-    /// Takes the next token if it is this one.
+    /// Consumes the next token if it is this one.
     fn take(&mut self, token: Token<'_>) -> bool {
         let is_it = self.tokens.first() == Some(&token);
         if is_it {
@@ -179,14 +180,14 @@ impl<'a> Reader<'_, 'a> {
         Some(value)
     }
 
-    /// Equality binds less than order.
+    /// Equality binds less tightly than order.
     fn comparison(&mut self, signs: &[&str]) -> Option<Value<'a>> {
         let is_equality = signs.contains(&"=");
-        let operand = |reader: &mut Self| {
+        let operand = |parser: &mut Self| {
             if is_equality {
-                reader.comparison(&["<", "<=", ">", ">="])
+                parser.comparison(&["<", "<=", ">", ">="])
             } else {
-                reader.operand()
+                parser.operand()
             }
         };
         let mut value = operand(self)?;
@@ -268,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_is_found_by_what_it_is() {
+    fn matching_queries_find_the_stream() {
         for query in [
             "",
             "session_id='default'",
@@ -284,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_is_not_found_by_what_it_is_not_or_by_what_is_not_understood() {
+    fn other_and_unsupported_queries_do_not_match() {
         for query in [
             "type='EEG'",
             "type!='MoCap'",
@@ -305,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn brackets_without_end_are_not_followed() {
+    fn deeply_nested_brackets_are_rejected() {
         assert!(met(&format!(
             "{}type='MoCap'{}",
             "(".repeat(32),
@@ -321,7 +322,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_query_is_the_end_of_it(query in "[a-z_'\"()=!<>,. 0-9é-]{0,60}") {
+        fn no_query_panics(query in "[a-z_'\"()=!<>,. 0-9é-]{0,60}") {
             met(&query);
         }
     }

@@ -1,67 +1,67 @@
-//! What inlets ask: one request at the head of a TCP connection, and datagrams.
+//! Requests of inlets: one at the start of a TCP connection, and datagrams.
 
 use super::{OLD_VERSION, VERSION};
 
-/// Most bytes of a request by TCP.
+/// Maximum size of a TCP request, bytes.
 const MAX_HEAD: usize = 16 * 1024;
-/// Most characters that name a query.
+/// Maximum length of a query id.
 const MAX_ID: usize = 64;
 
-/// What an inlet asks by TCP.
+/// A TCP request of an inlet.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Request {
-    /// What the stream is, if it meets a query.
+    /// The description of the stream, if it matches a query.
     ShortInfo(String),
-    /// What the stream and its channels are.
+    /// The description of the stream and its channels.
     FullInfo,
     /// The samples.
     Feed(FeedRequest),
 }
 
-/// How an inlet wants samples.
+/// Options of a request for samples.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FeedRequest {
-    /// The version of the protocol that is asked for, hundredths.
+    /// Requested protocol version, hundredths.
     version: u32,
-    /// The outlet that is meant; empty: whoever is there.
+    /// Id of the requested outlet; empty for any.
     uid: String,
-    /// The version in which samples are wanted, hundredths.
+    /// Requested version of the samples, hundredths.
     data_version: u32,
-    /// Whether numbers of 4 bytes are `f32` there.
+    /// Whether the inlet uses IEEE 754 numbers of 4 bytes.
     has_our_floats: bool,
-    /// Whether it takes numbers nearer to 0 than the normal ones.
+    /// Whether the inlet supports subnormal numbers.
     has_subnormals: bool,
 }
 
-/// What comes of a [`FeedRequest`].
+/// The answer to a [`FeedRequest`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Answer {
-    /// What is said before the samples.
+    /// Header before the samples.
     pub head: Vec<u8>,
-    /// The version of samples, hundredths; `None`: there are none.
+    /// Version of the samples, hundredths; `None` for no samples.
     pub data_version: Option<u32>,
 }
 
-/// Bytes that are no request.
+/// Why bytes are not a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum RequestError {
-    /// Too many.
+    /// Too long.
     #[error("found a request of more than {MAX_HEAD} bytes")]
     TooLong,
-    /// Of another protocol.
+    /// Another protocol.
     #[error("found another request than LSL:streamfeed, LSL:fullinfo or LSL:shortinfo")]
     Unknown,
 }
 
-/// The bytes of a connection until they are a request.
+/// Bytes of a connection until they form a request.
 #[derive(Debug, Clone, Default)]
 pub struct Incoming(Vec<u8>);
 
 impl Incoming {
-    /// Adds what has come, and says what is asked; `None` until all of it is there.
+    /// Adds received bytes and returns the request when complete.
     ///
     /// # Errors
-    /// [`RequestError`]; the connection is of no use then.
+    /// [`RequestError`]; the connection is unusable then.
     pub fn push(&mut self, bytes: &[u8]) -> Result<Option<Request>, RequestError> {
         let room = MAX_HEAD.saturating_sub(self.0.len());
         let (taken, left) = bytes.split_at_checked(room).unwrap_or((bytes, &[]));
@@ -82,10 +82,10 @@ fn parse(text: &str) -> Result<Option<Request>, RequestError> {
             .map(|(line, _)| line.trim().to_owned())
     };
     let method = method.trim();
-    let asked = match method.strip_prefix("LSL:").unwrap_or_default() {
+    let request = match method.strip_prefix("LSL:").unwrap_or_default() {
         "fullinfo" => Some(Request::FullInfo),
         "shortinfo" => line().map(Request::ShortInfo),
-        // How many samples to keep for it is not looked at: none is kept.
+        // The requested number of samples to buffer is ignored, since none are buffered.
         "streamfeed" => line().map(|_| Request::Feed(FeedRequest::old())),
         other => {
             let version = other.strip_prefix("streamfeed/");
@@ -93,10 +93,10 @@ fn parse(text: &str) -> Result<Option<Request>, RequestError> {
             feed(version, rest).map(Request::Feed)
         }
     };
-    Ok(asked)
+    Ok(request)
 }
 
-/// The request whose first line ends with `version`, and whose lines end with an empty one.
+/// Parses a request whose first line ends with `version` and whose lines end with an empty one.
 fn feed(version: &str, lines: &str) -> Option<FeedRequest> {
     let (version, uid) = version.split_once([' ', '\t']).unwrap_or((version, ""));
     let version = version.trim().parse().unwrap_or(u32::MAX);
@@ -126,14 +126,14 @@ fn feed(version: &str, lines: &str) -> Option<FeedRequest> {
             "data-protocol-version" | "protocol-version" => {
                 feed.data_version = value.parse().unwrap_or(OLD_VERSION);
             }
-            // Byte orders too: ours is said, and it is theirs to turn the bytes.
+            // Byte orders too: ours is announced, and the inlet converts.
             _ => {}
         }
     }
 }
 
 impl FeedRequest {
-    /// One of the first version, which says no more than that.
+    /// A request of the first version, which has no options.
     fn old() -> Self {
         Self {
             version: OLD_VERSION,
@@ -144,7 +144,7 @@ impl FeedRequest {
         }
     }
 
-    /// What the outlet called `uid` answers.
+    /// The answer of the outlet `uid`.
     pub fn answer(&self, uid: &str) -> Answer {
         let refused = |why: &str| Answer {
             head: format!("LSL/{VERSION} {why}\r\n\r\n").into_bytes(),
@@ -161,7 +161,7 @@ impl FeedRequest {
         } else {
             OLD_VERSION
         };
-        // Who asks in the first version wants the samples at once.
+        // A request of the first version expects the samples immediately.
         let head = if self.version < VERSION {
             String::new()
         } else {
@@ -179,29 +179,29 @@ impl FeedRequest {
     }
 }
 
-/// What an inlet asks by UDP.
+/// A UDP request of an inlet.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Datagram<'a> {
-    /// What the stream is, if it meets the query.
+    /// The description of the stream, if it matches the query.
     ShortInfo {
-        /// What is looked for.
+        /// The query.
         query: &'a str,
-        /// The port that the answer goes to, at the address that asks.
+        /// Port of the reply, at the sender's address.
         return_port: u16,
-        /// What the answer begins with.
+        /// Id to repeat in the reply.
         id: &'a str,
     },
-    /// What the outlet's clock says.
+    /// The outlet's clock.
     TimeData {
-        /// What the answer begins with.
+        /// Id to repeat in the reply.
         wave: i64,
-        /// What the inlet's clock said, seconds.
+        /// Time of the inlet's clock, seconds.
         t0_s: f64,
     },
 }
 
 impl<'a> Datagram<'a> {
-    /// What `bytes` ask; `None`: nothing that is known.
+    /// Parses a datagram; `None` if unknown.
     pub fn parse(bytes: &'a [u8]) -> Option<Self> {
         let mut lines = std::str::from_utf8(bytes).ok()?.lines();
         let method = lines.next()?.trim();
@@ -230,9 +230,11 @@ impl<'a> Datagram<'a> {
     }
 }
 
-/// The answer to [`Datagram::TimeData`]: when it came and when the answer leaves, seconds of the outlet's clock.
+/// The reply to [`Datagram::TimeData`] with the times of arrival and departure, seconds of the
+/// outlet's clock.
 pub fn time_answer(wave: i64, t0_s: f64, [came_s, leaves_s]: [f64; 2]) -> String {
-    // As C++ reads it: `{:?}` writes very large numbers with an exponent, and all of them so that they read back as they are.
+    // In C++ format: `{:?}` uses exponents for very large numbers, and all numbers read back
+    // exactly.
     format!(" {wave} {t0_s:?} {came_s:?} {leaves_s:?}")
 }
 
@@ -244,12 +246,12 @@ mod tests {
 
     const UID: &str = "01234567-89ab-cdef-0123-456789abcdef";
 
-    fn asked(text: &str) -> Result<Option<Request>, RequestError> {
+    fn request(text: &str) -> Result<Option<Request>, RequestError> {
         Incoming::default().push(text.as_bytes())
     }
 
     fn answer(text: &str) -> (String, Option<u32>) {
-        match asked(text) {
+        match request(text) {
             Ok(Some(Request::Feed(feed))) => {
                 let answer = feed.answer(UID);
                 (String::from_utf8(answer.head).unwrap(), answer.data_version)
@@ -259,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn an_inlet_of_today_gets_samples_in_the_version_of_today() {
+    fn current_inlets_get_the_current_version() {
         let text = format!(
             "LSL:streamfeed/110 {UID}\r\nNative-Byte-Order: 1234\r\nHas-IEEE754-Floats: 1\r\nSupports-Subnormals: 1\r\nValue-Size: 4\r\n\
              Data-Protocol-Version: 110\r\nMax-Buffer-Length: 360\r\nMax-Chunk-Length: 0\r\nHostname: lab\r\nSource-Id: \r\nSession-Id: default\r\n\r\n"
@@ -281,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn an_inlet_of_the_first_version_gets_samples_at_once() {
+    fn inlets_of_the_first_version_get_samples_immediately() {
         assert_eq!(
             answer("LSL:streamfeed\r\n360 0\r\n"),
             (String::new(), Some(100))
@@ -289,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn who_wants_another_stream_or_a_later_protocol_is_told_so() {
+    fn unknown_streams_and_later_protocols_are_refused() {
         let (head, version) = answer("LSL:streamfeed/110 another\r\n\r\n");
         assert_eq!(
             (head.as_str(), version),
@@ -303,31 +305,34 @@ mod tests {
     }
 
     #[test]
-    fn a_request_is_one_in_whatever_pieces_it_comes() {
+    fn requests_may_arrive_in_pieces() {
         let text = "LSL:shortinfo\r\nsession_id='default'\r\n";
         let mut incoming = Incoming::default();
         for byte in &text.as_bytes()[..text.len() - 1] {
             assert_eq!(incoming.push(&[*byte]), Ok(None));
         }
-        let request = incoming.push(b"\n").unwrap().unwrap();
+        let first = incoming.push(b"\n").unwrap().unwrap();
         assert_eq!(
-            request,
+            first,
             Request::ShortInfo("session_id='default'".to_owned())
         );
-        assert_eq!(asked("LSL:fullinfo\r\n"), Ok(Some(Request::FullInfo)));
+        assert_eq!(request("LSL:fullinfo\r\n"), Ok(Some(Request::FullInfo)));
     }
 
     #[test]
-    fn what_is_no_request_ends_the_connection() {
-        assert_eq!(asked("GET / HTTP/1.1\r\n"), Err(RequestError::Unknown));
-        assert_eq!(asked("LSL:timedata\r\n1 2\r\n"), Err(RequestError::Unknown));
+    fn invalid_requests_are_errors() {
+        assert_eq!(request("GET / HTTP/1.1\r\n"), Err(RequestError::Unknown));
+        assert_eq!(
+            request("LSL:timedata\r\n1 2\r\n"),
+            Err(RequestError::Unknown)
+        );
         let endless = format!("LSL:streamfeed/110\r\n{}", "a: b\r\n".repeat(10_000));
-        assert_eq!(asked(&endless), Err(RequestError::TooLong));
-        assert_eq!(asked(&"x".repeat(MAX_HEAD)), Err(RequestError::TooLong));
+        assert_eq!(request(&endless), Err(RequestError::TooLong));
+        assert_eq!(request(&"x".repeat(MAX_HEAD)), Err(RequestError::TooLong));
     }
 
     #[test]
-    fn datagrams_ask_for_streams_and_for_the_time() {
+    fn datagrams_query_streams_and_the_time() {
         let query = b"LSL:shortinfo\r\nsession_id='default' and type='MoCap'\r\n16573 2558488061587787625\r\n";
         assert_eq!(
             Datagram::parse(query),
@@ -360,7 +365,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn requests_of_any_content_are_read_or_refused(
+        fn arbitrary_requests_are_parsed_or_refused(
             pieces in proptest::collection::vec("(LSL:streamfeed/110|[ -~]{0,9}|\r\n)", 0..20),
         ) {
             let mut incoming = Incoming::default();

@@ -1,8 +1,8 @@
-//! The numbers of a frame, one per channel, and their bytes in both versions of the protocol.
+//! Values of a frame, one per channel, and their bytes in both protocol versions.
 //!
-//! Channels: the tick (modulo 2^24, which `f32` has exactly), then per place the person's id (modulo 2^24; 0: nobody), 1 while it is seen
-//! or 0 while it is predicted, and the joints' x, y and z, metres, z up; not a number where nobody is. Of a tick of which no
-//! frame came every id is -1.
+//! Channels: the tick (modulo 2^24, which `f32` represents exactly), then per place the person's id
+//! (modulo 2^24; 0 for none), 1 if seen or 0 if predicted, and the joints' x, y and z, metres, z
+//! up; NaN for an empty place. For a tick without a frame, every id is -1.
 
 use farfield_fusion::body::skeleton::Joint;
 use farfield_proto::message::PersonState;
@@ -10,22 +10,22 @@ use farfield_proto::tick::Tick;
 
 use super::{OLD_VERSION, PLACES};
 use crate::frame::Frame;
-use crate::people::places::Places;
+use crate::people::Places;
 
-/// Channels of a place.
+/// Number of channels per place.
 const PER_PLACE: usize = 2 + 3 * Joint::ALL.len();
-/// Channels of the stream.
+/// Number of channels of the stream.
 pub const N_CHANNELS: usize = 1 + PLACES as usize * PER_PLACE;
-/// The id of a place of which it is not known who has it.
+/// Id of a place for a tick without a frame.
 const UNKNOWN: f32 = -1.0;
-/// Whole numbers below this are exact.
+/// Integers below this are exact.
 const EXACT: i64 = 1 << 24;
-/// What a sample begins with whose time is sent.
+/// First byte of a sample with a time stamp.
 const STAMPED: u8 = 2;
-/// The time of samples that are sent for a test.
+/// Time stamp of test samples.
 const TEST_STAMP_S: f64 = 123_456.789;
 
-/// The channels of a frame whose people have these `places`.
+/// The channels of a frame with these `places`.
 pub fn channels(frame: &Frame, places: &Places) -> Vec<f32> {
     let mut values = vec![f32::NAN; N_CHANNELS];
     let exact = |number: i64| number.rem_euclid(EXACT) as f32;
@@ -38,7 +38,7 @@ pub fn channels(frame: &Frame, places: &Places) -> Vec<f32> {
         block.iter_mut().take(2).for_each(|value| *value = 0.0);
     }
     for person in frame.confirmed() {
-        let place = places.of(person.id).map(usize::from);
+        let place = places.get(person.id).map(usize::from);
         let Some(block) = place.and_then(|place| blocks.get_mut(place)) else {
             continue;
         };
@@ -53,7 +53,7 @@ pub fn channels(frame: &Frame, places: &Places) -> Vec<f32> {
     values
 }
 
-/// The channels of a tick of which no frame came: who is where is not known.
+/// The channels of a tick without a frame.
 pub fn unknown_channels(tick: Tick) -> Vec<f32> {
     let mut values = vec![f32::NAN; N_CHANNELS];
     let Some((first, blocks)) = values.split_first_mut() else {
@@ -68,13 +68,14 @@ pub fn unknown_channels(tick: Tick) -> Vec<f32> {
     values
 }
 
-/// Appends a sample of these channels, of the time `stamp_s` of the outlet's clock, in a version of the protocol.
+/// Appends a sample with these channels and the time `stamp_s` of the outlet's clock, in a protocol
+/// version.
 pub fn write(version: u32, stamp_s: f64, channels: &[f32], to: &mut Vec<u8>) {
     if version == OLD_VERSION {
-        write_whole(u64::from(STAMPED), to);
-        write_whole(stamp_s.to_bits(), to);
+        write_integer(u64::from(STAMPED), to);
+        write_integer(stamp_s.to_bits(), to);
         for value in channels {
-            write_whole(u64::from(bits(*value)), to);
+            write_integer(u64::from(bits(*value)), to);
         }
     } else {
         to.push(STAMPED);
@@ -83,14 +84,15 @@ pub fn write(version: u32, stamp_s: f64, channels: &[f32], to: &mut Vec<u8>) {
     }
 }
 
-/// What comes before all samples: in the old version what the stream is; then two samples whose numbers inlets know.
+/// The bytes before all samples: in the old version the description; then two test samples with
+/// known values.
 pub fn opening(version: u32, short_xml: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
     if version == OLD_VERSION {
-        // The head of an archive and its version; a text; that what follows is of a type of version 0 which is not tracked.
+        // Archive header and version; a text; then class information of version 0 without tracking.
         bytes.push(0x7f);
-        write_whole(9, &mut bytes);
-        write_whole(short_xml.len() as u64, &mut bytes);
+        write_integer(9, &mut bytes);
+        write_integer(short_xml.len() as u64, &mut bytes);
         bytes.extend_from_slice(short_xml.as_bytes());
         bytes.extend_from_slice(&[0, 0]);
     }
@@ -109,14 +111,14 @@ pub fn opening(version: u32, short_xml: &str) -> Vec<u8> {
     bytes
 }
 
-/// A whole number of the old version: how many bytes it takes, and these, the lowest first.
-fn write_whole(number: u64, to: &mut Vec<u8>) {
+/// An integer of the old version: its number of bytes, then the bytes, lowest first.
+fn write_integer(number: u64, to: &mut Vec<u8>) {
     let n_bytes = 8 - number.leading_zeros() as usize / 8;
     to.push(n_bytes as u8);
     to.extend(number.to_le_bytes().into_iter().take(n_bytes));
 }
 
-/// The bits of a number of the old version, which has one thing only that is none.
+/// The bits of a value of the old version, which has a single NaN.
 fn bits(value: f32) -> u32 {
     if value.is_nan() {
         0x7fff_ffff
@@ -131,14 +133,14 @@ mod tests {
     use crate::lsl::VERSION;
     use crate::synthetic;
 
-    fn taken(frame: &Frame) -> Places {
+    fn places_of(frame: &Frame) -> Places {
         let mut places = Places::new(PLACES);
         places.assign(frame.roster.ids());
         places
     }
 
     #[test]
-    fn of_a_tick_that_was_not_sent_nobody_is_known() {
+    fn ticks_without_frames_have_unknown_ids() {
         let values = unknown_channels(Tick(70));
         assert_eq!(values.len(), N_CHANNELS);
         let heads = values[1..].chunks_exact(PER_PLACE).map(|it| &it[..2]);
@@ -149,9 +151,9 @@ mod tests {
     }
 
     #[test]
-    fn channels_are_the_tick_and_everybodys_joints() {
+    fn channels_contain_the_tick_and_all_joints() {
         let frame = synthetic::frame(77);
-        let values = channels(&frame, &taken(&frame));
+        let values = channels(&frame, &places_of(&frame));
         assert_eq!(values.len(), 713);
         let is = |at: usize, expected: f32| (values[at] - expected).abs() < 1e-6;
         assert!(is(0, 77.0) && is(1, 1.0) && is(2, 1.0));
@@ -160,7 +162,7 @@ mod tests {
         let knee = second + 2 + 3 * Joint::LeftKnee.index();
         let at_m = frame.persons[1].joints_m[Joint::LeftKnee.index()];
         assert!(is(knee, at_m.x as f32) && is(knee + 2, at_m.z as f32));
-        // Nobody has the third place.
+        // The third place is empty.
         let third = second + PER_PLACE;
         assert!(is(third, 0.0) && is(third + 1, 0.0));
         assert!(
@@ -172,12 +174,12 @@ mod tests {
     }
 
     #[test]
-    fn who_is_predicted_is_not_seen_and_who_has_no_place_is_left_out() {
+    fn predicted_people_are_unseen_and_surplus_people_dropped() {
         let mut maker = crate::FrameMaker::new(synthetic::facts());
         let mut poses = synthetic::poses_at(11, -1);
         poses.persons[0].state = PersonState::Coasting;
         let frame = maker.frame(&poses);
-        let values = channels(&frame, &taken(&frame));
+        let values = channels(&frame, &places_of(&frame));
         assert_eq!(values.len(), N_CHANNELS);
         assert!((values[0] - 16_777_215.0).abs() < 0.5);
         assert!(values[2].abs() < 1e-9);
@@ -189,8 +191,8 @@ mod tests {
     }
 
     #[test]
-    fn both_versions_of_a_sample_are_those_of_another_implementation() {
-        // What `liblsl` 1.18 sends of the channels 1, not a number, -0 at 1.5 s, and 0, 2, 3 at 2.5 s.
+    fn samples_match_liblsl_in_both_versions() {
+        // Output of `liblsl` 1.18 for the channels 1, NaN, -0 at 1.5 s, and 0, 2, 3 at 2.5 s.
         const OLD: &[u8] = b"\x01\x02\x08\x00\x00\x00\x00\x00\x00\xf8?\x04\x00\x00\x80?\x04\xff\xff\xff\x7f\x04\x00\x00\x00\x80\
             \x01\x02\x08\x00\x00\x00\x00\x00\x00\x04@\x00\x04\x00\x00\x00@\x04\x00\x00@@";
         const NEW: &[u8] =
@@ -205,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn inlets_are_shown_two_samples_that_they_know() {
+    fn the_opening_contains_two_test_samples() {
         let bytes = opening(VERSION, "");
         assert_eq!(bytes.len(), 2 * (9 + 4 * N_CHANNELS));
         assert_eq!(bytes[..9], *b"\x02\xc9v\xbe\x9f\x0c$\xfe@");
@@ -218,7 +220,7 @@ mod tests {
                 .zip([4.0, -5.0, 2.0, -3.0])
                 .all(|(a, b)| (a - b).abs() < 1e-6)
         );
-        // The old version: `liblsl` 1.18 begins so, with a text of 0x278 bytes there.
+        // `liblsl` 1.18 starts the old version so, with a text of 0x278 bytes.
         let old = opening(OLD_VERSION, &"x".repeat(0x278));
         assert_eq!(old[..6], *b"\x7f\x01\x09\x02\x78\x02");
         assert_eq!(

@@ -1,4 +1,4 @@
-//! The tasks of the outlet: one that takes inlets and one per inlet, and one each for the two sockets of datagrams.
+//! Tasks of the outlet: accepting inlets, one per inlet, and one for each of the two UDP sockets.
 
 use std::hash::{BuildHasher as _, Hasher as _, RandomState};
 use std::io;
@@ -12,30 +12,28 @@ use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::time::{Instant, sleep_until, timeout};
 
 use super::info::Info;
-use super::outlet::{Outlet, now};
+use super::outlet::{Outlet, Unsent, now};
 use super::query::is_met;
 use super::request::{Datagram, FeedRequest, Incoming, Request, time_answer};
-use super::unsent::Unsent;
 use super::{DISCOVERY_PORT, PORTS};
 use crate::frame::{Frame, VenueFacts};
-use crate::server::{BREATH, STALL, listen, stalled, take_clients, write};
-use crate::shell::Shell;
-use crate::slot::Feed;
-use crate::udp::is_of_this_machine;
+use crate::server::{BREATH, STALL, is_of_this_machine, listen, stalled, take_clients, write};
+use crate::slot::{Feed, Shell};
 
-/// How long an inlet may take to ask.
+/// Maximum time for an inlet's request.
 const HANDSHAKE: Duration = Duration::from_secs(5);
-/// Most datagrams that are answered a second: sixteen inlets that ask for the time in bursts of eight.
+/// Maximum number of answered datagrams per second: sixteen inlets that query the time in bursts of
+/// eight.
 const MOST_ANSWERS_PER_S: u32 = 200;
-/// Bytes that are read at once; no datagram of an inlet is longer.
+/// Size of a read; no datagram of an inlet is longer.
 const READ: usize = 4096;
-/// Groups that inlets ask for streams in, beside that of all machines of a network.
+/// Multicast groups of discovery, besides the broadcast address.
 const GROUPS: [Ipv4Addr; 2] = [
     Ipv4Addr::new(224, 0, 0, 183),
     Ipv4Addr::new(239, 255, 172, 215),
 ];
 
-/// Serves inlets at the first free port from that of `address` on; says where.
+/// Serves inlets at the first free port from that of `address`; returns the bound address.
 pub(crate) async fn serve(
     address: SocketAddr,
     facts: &VenueFacts,
@@ -60,14 +58,15 @@ pub(crate) async fn serve(
         data_port: bound.port(),
         service_port: service.local_addr()?.port(),
     }));
-    // Answers leave by the socket of the clock: inlets connect to where they come from, and from the loopback none leaves this machine.
+    // Replies are sent from the clock's socket: inlets connect to the sender, and from the loopback
+    // nothing leaves this machine.
     let service = Arc::new(service);
-    for (asked, who) in [
-        (Arc::clone(&service), Who::of(*address.ip())),
-        (Arc::new(discovery), Who::of(*address.ip())),
+    for (socket, scope) in [
+        (Arc::clone(&service), Scope::for_address(*address.ip())),
+        (Arc::new(discovery), Scope::for_address(*address.ip())),
     ] {
         let (service, outlet) = (Arc::clone(&service), Arc::clone(&outlet));
-        shell.spawn(async move { answer_datagrams(&asked, &service, &outlet, who).await });
+        shell.spawn(async move { answer_datagrams(&socket, &service, &outlet, scope).await });
     }
     shell.spawn(take_clients(
         listener,
@@ -78,7 +77,7 @@ pub(crate) async fn serve(
     Ok(bound)
 }
 
-/// The ports from that of `address` on; any where that is 0.
+/// The ports from `first`; any port if it is 0.
 fn ports(first: u16) -> std::ops::RangeInclusive<u16> {
     match first {
         0 => 0..=0,
@@ -86,7 +85,7 @@ fn ports(first: u16) -> std::ops::RangeInclusive<u16> {
     }
 }
 
-/// Listens at the first free port: other outlets of this machine may have some.
+/// Listens at the first free port, since other outlets of this machine may use some.
 fn listen_near(address: SocketAddrV4) -> io::Result<TcpListener> {
     let mut outcome = Err(io::ErrorKind::AddrInUse.into());
     for port in ports(address.port()) {
@@ -98,7 +97,7 @@ fn listen_near(address: SocketAddrV4) -> io::Result<TcpListener> {
     outcome
 }
 
-/// A socket for datagrams at the first free port.
+/// A UDP socket at the first free port.
 async fn bind_near(ip: Ipv4Addr, first: u16) -> io::Result<UdpSocket> {
     let mut outcome = Err(io::ErrorKind::AddrInUse.into());
     for port in ports(first) {
@@ -116,12 +115,12 @@ fn is_taken<T>(outcome: &io::Result<T>) -> bool {
         .is_err_and(|error| error.kind() == io::ErrorKind::AddrInUse)
 }
 
-/// A socket that hears who asks for streams, beside those of other outlets of this machine.
+/// A socket for discovery queries, shared with other outlets of this machine.
 fn listen_for_queries(ip: Ipv4Addr) -> io::Result<UdpSocket> {
     let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
     socket.set_nonblocking(true)?;
     socket.set_reuse_address(true)?;
-    // Inlets of this machine ask by broadcast and multicast too, which come to no socket that is bound to one address.
+    // Broadcasts and multicasts of this machine do not reach a socket bound to one address.
     socket.bind(&SocketAddr::from((Ipv4Addr::UNSPECIFIED, DISCOVERY_PORT)).into())?;
     let mut interfaces = vec![Ipv4Addr::UNSPECIFIED, Ipv4Addr::LOCALHOST];
     if !interfaces.contains(&ip) {
@@ -131,23 +130,23 @@ fn listen_for_queries(ip: Ipv4Addr) -> io::Result<UdpSocket> {
         .iter()
         .flat_map(|g| interfaces.iter().map(move |i| (g, i)))
     {
-        // A machine without that network is asked at its loopback.
+        // Fails without a network; the loopback still works.
         drop(socket.join_multicast_v4(group, interface));
     }
     UdpSocket::from_std(socket.into())
 }
 
-/// Who is answered.
+/// Which inlets are answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Who {
-    /// Inlets of this machine alone.
+enum Scope {
+    /// Only inlets of this machine.
     ThisMachine,
-    /// Whoever asks.
+    /// All inlets.
     All,
 }
 
-impl Who {
-    fn of(address: Ipv4Addr) -> Self {
+impl Scope {
+    fn for_address(address: Ipv4Addr) -> Self {
         if address.is_loopback() {
             Self::ThisMachine
         } else {
@@ -155,29 +154,30 @@ impl Who {
         }
     }
 
-    fn is_answered(self, asks: IpAddr) -> bool {
-        self == Self::All || is_of_this_machine(asks)
+    fn includes(self, sender: IpAddr) -> bool {
+        self == Self::All || is_of_this_machine(sender)
     }
 }
 
-/// Whether an address is that of one machine, not of a group, all or none.
-fn is_of_one(address: IpAddr) -> bool {
+/// Whether an address is that of a single machine: not multicast, broadcast or unspecified.
+fn is_unicast(address: IpAddr) -> bool {
     let is_all = matches!(address, IpAddr::V4(v4) if v4.is_broadcast());
     !(address.is_unspecified() || address.is_multicast() || is_all)
 }
 
-/// Task: answers what comes to `asked`, by `service`. What cannot be read or sent is as if it had been lost on the way.
-async fn answer_datagrams(asked: &UdpSocket, service: &UdpSocket, outlet: &Outlet, who: Who) {
+/// Answers the datagrams received at `queries` from the socket `service`. Unreadable and unsendable
+/// datagrams count as lost.
+async fn answer_datagrams(queries: &UdpSocket, service: &UdpSocket, outlet: &Outlet, scope: Scope) {
     let mut bytes = [0; READ];
     let (mut since, mut answers) = (Duration::ZERO, 0);
     loop {
-        let Ok((n, from)) = asked.recv_from(&mut bytes).await else {
+        let Ok((n, from)) = queries.recv_from(&mut bytes).await else {
             tokio::time::sleep(BREATH).await;
             continue;
         };
         let came = now();
-        // Answers are longer than questions: nobody's address is good for more than a few, and none for a group's.
-        if !is_of_one(from.ip()) {
+        // Replies are longer than queries: limit them, and never reply to group addresses.
+        if !is_unicast(from.ip()) {
             continue;
         }
         if came.saturating_sub(since) >= Duration::from_secs(1) {
@@ -191,12 +191,12 @@ async fn answer_datagrams(asked: &UdpSocket, service: &UdpSocket, outlet: &Outle
                 query,
                 return_port,
                 id,
-            }) if is_met(query, &outlet.info.fields()) && who.is_answered(from.ip()) => {
+            }) if is_met(query, &outlet.info.fields()) && scope.includes(from.ip()) => {
                 let text = format!("{id}\r\n{}", outlet.short_xml);
                 Some((text, SocketAddr::new(from.ip(), return_port)))
             }
-            // The clock is asked for at its own port alone.
-            Some(Datagram::TimeData { wave, t0_s }) if std::ptr::eq(asked, service) => {
+            // The time is only answered on its own port.
+            Some(Datagram::TimeData { wave, t0_s }) if std::ptr::eq(queries, service) => {
                 let times = [came, now()].map(|it| it.as_secs_f64());
                 Some((time_answer(wave, t0_s, times), from))
             }
@@ -219,7 +219,7 @@ async fn serve_inlet(
     (feed, served)
 }
 
-/// Reads what an inlet asks, and does it, until it leaves or takes nothing for too long.
+/// Handles an inlet's request until it leaves or accepts nothing for too long.
 async fn answer_inlet(
     mut socket: TcpStream,
     outlet: &Outlet,
@@ -227,19 +227,19 @@ async fn answer_inlet(
     feed: &mut Feed,
 ) -> io::Result<()> {
     socket.set_nodelay(true)?;
-    let asked = tokio::select! {
+    let request = tokio::select! {
         biased;
         () = shell.stop.cancelled() => return Ok(()),
-        asked = timeout(HANDSHAKE, request(&mut socket)) => asked,
+        request = timeout(HANDSHAKE, request(&mut socket)) => request,
     };
-    let asked = asked.unwrap_or_else(|_| {
-        let why = "did not ask within five seconds";
+    let request = request.unwrap_or_else(|_| {
+        let why = "did not send a request within five seconds";
         Err(io::Error::new(io::ErrorKind::TimedOut, why))
     });
-    let text = match asked? {
+    let text = match request? {
         None => return Ok(()),
-        Some(Request::Feed(asked)) => {
-            return send_samples(socket, &asked, outlet, shell, feed).await;
+        Some(Request::Feed(request)) => {
+            return send_samples(socket, &request, outlet, shell, feed).await;
         }
         Some(Request::FullInfo) => outlet.full_xml.as_str(),
         Some(Request::ShortInfo(query)) if is_met(&query, &outlet.info.fields()) => {
@@ -248,11 +248,11 @@ async fn answer_inlet(
         Some(Request::ShortInfo(_)) => "",
     };
     write(&mut socket, text.as_bytes(), &shell.stop).await?;
-    // So that it is read to its end.
+    // Ensures that it is read completely.
     socket.shutdown().await
 }
 
-/// What an inlet asks; `None`: it has gone.
+/// Reads an inlet's request; `None` if it left.
 async fn request(socket: &mut TcpStream) -> io::Result<Option<Request>> {
     let (mut incoming, mut bytes) = (Incoming::default(), [0; READ]);
     loop {
@@ -270,17 +270,17 @@ async fn request(socket: &mut TcpStream) -> io::Result<Option<Request>> {
 
 async fn send_samples(
     mut socket: TcpStream,
-    asked: &FeedRequest,
+    request: &FeedRequest,
     outlet: &Outlet,
     shell: &Shell,
     feed: &mut Feed,
 ) -> io::Result<()> {
-    let answer = asked.answer(&outlet.info.uid);
+    let answer = request.answer(&outlet.info.uid);
     write(&mut socket, &answer.head, &shell.stop).await?;
     let Some(version) = answer.data_version else {
         return socket.shutdown().await;
     };
-    // What comes while it reads the opening is its own already.
+    // Frames that arrive while the inlet reads the opening are already sent to it.
     feed.catch_up();
     write(&mut socket, &outlet.opening(version), &shell.stop).await?;
     let (mut reader, mut writer) = socket.split();
@@ -291,23 +291,23 @@ async fn send_samples(
         tokio::select! {
             biased;
             () = shell.stop.cancelled() => return Ok(()),
-            // Inlets say nothing more: that they leave is heard so, and who talks is none.
+            // Inlets send nothing more, so a read detects that they leave; data is an error.
             read = reader.read(&mut bytes) => match read {
                 Ok(0) => return Ok(()),
-                Ok(_) => return Err(io::Error::new(io::ErrorKind::InvalidData, "talks while it is sent samples")),
+                Ok(_) => return Err(io::Error::new(io::ErrorKind::InvalidData, "found unexpected data after the request")),
                 Err(error) if error.kind() == io::ErrorKind::ConnectionReset => return Ok(()),
                 Err(error) => return Err(error),
             },
-            // Each is taken, and stamped, when it comes, however slow the inlet is.
+            // Each frame is stamped when it arrives, even for slow inlets.
             frame = feed.next() => {
                 let Some(frame) = frame else { return Ok(()) };
                 let sample = outlet.sample(&frame, version);
                 if unsent.is_empty() {
                     moved_at = Instant::now();
                 }
-                // Its rate is said to be the venue's: so it has a sample of every tick.
-                let missed = last.take().map(|last| outlet.missed(&last, &frame, version));
-                for sample in missed.into_iter().flatten().chain([sample]) {
+                // The announced rate is the venue's, so every tick has a sample.
+                let missing = last.take().map(|last| outlet.missing(&last, &frame, version));
+                for sample in missing.into_iter().flatten().chain([sample]) {
                     shell.counters.skipped(unsent.push(sample, frame.rate_hz));
                 }
                 last = Some(frame);
@@ -326,9 +326,9 @@ async fn send_samples(
     }
 }
 
-/// A UUID by chance, in small letters.
+/// A random UUID in lower case.
 fn new_uid() -> String {
-    // Each state of the standard library's hash has keys of its own, by chance.
+    // Each hasher state of the standard library has random keys.
     let [a, b] = [0; 2].map(|_: u8| RandomState::new().build_hasher().finish());
     let digits = format!("{a:016x}{b:016x}");
     let mut rest = digits.as_str();
@@ -350,7 +350,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_outlet_has_a_uid_of_its_own() {
+    fn every_outlet_has_a_unique_id() {
         let [a, b] = [new_uid(), new_uid()];
         assert_ne!(a, b);
         let lengths: Vec<usize> = a.split('-').map(str::len).collect();
@@ -359,11 +359,14 @@ mod tests {
     }
 
     #[test]
-    fn strangers_are_not_answered_from_the_loopback() {
-        let who = Who::of(Ipv4Addr::LOCALHOST);
-        assert!(who.is_answered(Ipv4Addr::LOCALHOST.into()));
-        // A documentation address is nobody's (RFC 5737).
-        assert!(!who.is_answered(Ipv4Addr::new(203, 0, 113, 7).into()));
-        assert!(Who::of(Ipv4Addr::UNSPECIFIED).is_answered(Ipv4Addr::new(203, 0, 113, 7).into()));
+    fn the_loopback_does_not_answer_other_machines() {
+        let scope = Scope::for_address(Ipv4Addr::LOCALHOST);
+        assert!(scope.includes(Ipv4Addr::LOCALHOST.into()));
+        // A documentation address, which no machine has (RFC 5737).
+        assert!(!scope.includes(Ipv4Addr::new(203, 0, 113, 7).into()));
+        assert!(
+            Scope::for_address(Ipv4Addr::UNSPECIFIED)
+                .includes(Ipv4Addr::new(203, 0, 113, 7).into())
+        );
     }
 }

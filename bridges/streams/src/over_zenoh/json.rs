@@ -1,4 +1,5 @@
-//! Poses as JSON: the messages of the stream `websocket` on one key, and each person on keys of its own.
+//! Poses as JSON: the messages of the `websocket` stream on one key, and each person on separate
+//! keys.
 
 use std::collections::BTreeSet;
 
@@ -12,31 +13,32 @@ use super::Publish;
 use crate::frame::{Frame, PersonFrame};
 use crate::websocket::{message, message_of_person};
 
-/// What all keys of a venue begin with. Nodes' own keys begin with the venue's name: `farfield/` stands before these.
+/// Prefix of all keys of a venue. Keys of nodes begin with the venue's name, so `farfield/` avoids
+/// conflicts.
 fn root(venue: &str) -> String {
-    // Names of venues are checked; who streams otherwise may have others.
+    // Venue names in venue files are checked; other callers may use invalid ones.
     let venue = if is_key_chunk(venue) { venue } else { "venue" };
     format!("farfield/{venue}")
 }
 
-/// The key of the poses of all.
+/// The key for all people together.
 fn key(venue: &str) -> String {
     format!("{}/poses", root(venue))
 }
 
-/// The keys of one person: by the id, and by the name where there is one.
-fn keys_of(root: &str, person: &PersonFrame) -> Vec<String> {
+/// The keys of one person: by id, and by name if it has one.
+fn person_keys(root: &str, person: &PersonFrame) -> Vec<String> {
     let id = person.id;
     let mut keys = vec![format!("{root}/person/{id}")];
     if *person.name != *format!("person_{id}") {
-        keys.push(format!("{root}/name/{}", chunk_of(&person.name, id)));
+        keys.push(format!("{root}/name/{}", name_chunk(&person.name, id)));
     }
     keys
 }
 
-/// A name as a part of a key: what cannot stand there becomes `_`, and the id follows then: names of people differ, and two could
-/// be written alike by that.
-fn chunk_of(name: &str, id: PersonId) -> String {
+/// Converts a name to a part of a key. Invalid characters become `_`; then the id is appended,
+/// since different names could become equal.
+fn name_chunk(name: &str, id: PersonId) -> String {
     let is_refused = |c: char| "/*$?#@".contains(c) || c.is_whitespace() || c.is_control();
     let chunk: String = name
         .chars()
@@ -53,8 +55,8 @@ pub(super) struct Publisher<'a> {
     session: &'a Session,
     all: zenoh::pubsub::Publisher<'a>,
     root: String,
-    /// The keys that were put and not deleted since.
-    there: BTreeSet<String>,
+    /// Keys that were published and not deleted since.
+    published: BTreeSet<String>,
 }
 
 impl<'a> Publisher<'a> {
@@ -69,42 +71,43 @@ impl<'a> Publisher<'a> {
             session,
             all,
             root: root(venue),
-            there: BTreeSet::new(),
+            published: BTreeSet::new(),
         })
     }
 
     fn publish_each(&mut self, frame: &Frame) -> zenoh::Result<()> {
-        let mut now = BTreeSet::new();
+        let mut current = BTreeSet::new();
         for person in frame.confirmed() {
             let text = message_of_person(frame, person);
-            for key in keys_of(&self.root, person) {
-                if now.contains(&key) {
+            for key in person_keys(&self.root, person) {
+                if current.contains(&key) {
                     continue;
                 }
-                // Before it is said: what comes after it may fail, and it is to be deleted all the same.
-                self.there.insert(key.clone());
+                // Recorded before publishing, so that the key is deleted even if a later step
+                // fails.
+                self.published.insert(key.clone());
                 let put = self.session.put(&key, text.as_str());
                 let put = put.encoding(Encoding::APPLICATION_JSON);
                 put.congestion_control(CongestionControl::Drop)
                     .express(true)
                     .wait()?;
-                now.insert(key);
+                current.insert(key);
             }
         }
-        self.delete_all_but(&now)
+        self.delete_all_but(&current)
     }
 
-    /// Who has gone, or is called otherwise, is deleted: an engine takes the figure away.
-    fn delete_all_but(&mut self, now: &BTreeSet<String>) -> zenoh::Result<()> {
-        let gone: Vec<String> = self.there.difference(now).cloned().collect();
+    /// Deletes keys of people who left or were renamed, so that receivers remove their figures.
+    fn delete_all_but(&mut self, current: &BTreeSet<String>) -> zenoh::Result<()> {
+        let gone: Vec<String> = self.published.difference(current).cloned().collect();
         for key in gone {
             let delete = self.session.delete(&key);
-            // It is said once: what is lost stays for ever.
+            // Sent only once; a lost message would leave the figure forever.
             delete
                 .congestion_control(CongestionControl::Block)
                 .express(true)
                 .wait()?;
-            self.there.remove(&key);
+            self.published.remove(&key);
         }
         Ok(())
     }
@@ -127,12 +130,12 @@ mod tests {
     use crate::synthetic;
 
     #[test]
-    fn a_person_has_a_key_by_id_and_one_by_name() {
+    fn people_have_a_key_by_id_and_one_by_name() {
         let frame = synthetic::frame(120);
         let keys: Vec<String> = frame
             .persons
             .iter()
-            .flat_map(|person| keys_of(&root("hall"), person))
+            .flat_map(|person| person_keys(&root("hall"), person))
             .collect();
         assert!(
             keys.contains(&"farfield/hall/person/1".to_owned()),
@@ -142,7 +145,8 @@ mod tests {
         assert_eq!(named.count(), 1, "{keys:?}");
     }
 
-    /// Once figures stood for ever in an engine whose stream had ended, since nobody said that they were gone.
+    /// Regression: figures remained in a game engine after the stream ended, since their keys were
+    /// not deleted.
     #[test]
     fn all_keys_are_deleted_when_the_stream_ends() {
         let free = std::net::TcpListener::bind("127.0.0.1:0").and_then(|it| it.local_addr());
@@ -152,50 +156,51 @@ mod tests {
             zenoh::open(config).wait().unwrap()
         };
         let (session, engine) = (open("peer", "listen"), open("client", "connect"));
-        let (heard, samples) = std::sync::mpsc::channel();
+        let (received, samples) = std::sync::mpsc::channel();
         let subscriber = engine.declare_subscriber("farfield/*/*/*");
         let subscriber = subscriber.callback(move |sample| {
-            let said = (sample.key_expr().to_string(), sample.kind());
-            heard.send(said).unwrap_or_default();
+            let sample = (sample.key_expr().to_string(), sample.kind());
+            received.send(sample).unwrap_or_default();
         });
         let _subscriber = subscriber.wait().unwrap();
         let soon = std::time::Duration::from_secs(10);
         let mut publisher = Publisher::new(&session, "hall").unwrap();
-        let mut there = BTreeSet::new();
-        // Until the engine is known to listen; ids and a name then.
+        let mut published = BTreeSet::new();
+        // Repeat until the receiver is known to be subscribed; then all ids and a name have
+        // arrived.
         for tick in 120.. {
             let frame = synthetic::frame(tick);
             let n_keys = frame.persons.len() + 1;
             publisher.publish(&frame).unwrap();
             let pause = std::time::Duration::from_millis(20);
             while let Ok((key, _)) = samples.recv_timeout(pause) {
-                there.insert(key);
+                published.insert(key);
             }
             assert!(tick < 720, "nothing comes");
-            if there.len() >= n_keys {
+            if published.len() >= n_keys {
                 break;
             }
         }
         publisher.end().unwrap();
         drop(publisher);
         session.close().wait().unwrap();
-        while !there.is_empty() {
+        while !published.is_empty() {
             let (key, kind) = samples.recv_timeout(soon).unwrap();
             if kind == zenoh::sample::SampleKind::Delete {
-                assert!(there.remove(&key), "{key} was deleted twice");
+                assert!(published.remove(&key), "{key} was deleted twice");
             }
         }
     }
 
     #[test]
-    fn a_name_is_one_part_of_a_key_and_nobody_elses() {
-        let of = |name| chunk_of(name, PersonId(3));
-        assert_eq!(of("Žofia"), "Žofia");
-        assert_eq!(of("Anna B"), "Anna_B_3");
-        assert_eq!(of("a/**"), "a____3");
-        assert_eq!(of("Anna_B"), "Anna_B");
+    fn names_become_unique_valid_key_chunks() {
+        let chunk = |name| name_chunk(name, PersonId(3));
+        assert_eq!(chunk("Žofia"), "Žofia");
+        assert_eq!(chunk("Anna B"), "Anna_B_3");
+        assert_eq!(chunk("a/**"), "a____3");
+        assert_eq!(chunk("Anna_B"), "Anna_B");
         for name in ["$*", "?", "a#b", "@x", "\u{2028}"] {
-            let key = format!("farfield/hall/name/{}", of(name));
+            let key = format!("farfield/hall/name/{}", chunk(name));
             assert!(zenoh::key_expr::KeyExpr::new(key).is_ok(), "{name}");
         }
     }

@@ -1,12 +1,11 @@
-//! Streams over Zenoh: poses as JSON on a key, and ROS 2's messages as `rmw_zenoh` expects them.
+//! Streams over Zenoh: poses as JSON on keys, and ROS 2 messages as `rmw_zenoh` expects them.
 //!
-//! Each has a session of its own, which has nothing to do with that of the venue's nodes: neither
-//! its keys nor its links. The stream of JSON is a peer that subscribers connect to; that of ROS 2
-//! is a client of the router that ROS 2's nodes connect to, and waits for it. Nothing is scouted
-//! for.
+//! Each stream has its own session, independent of the sessions of the venue's nodes. The JSON
+//! stream is a peer that subscribers connect to. The ROS 2 stream is a client of the router that
+//! ROS 2 nodes use, and waits for it. Scouting is off.
 //!
-//! Zenoh's calls may wait, and do not work on the runtime of the streams: they have a thread. Where
-//! it is slow, frames are skipped.
+//! Zenoh's calls may block and do not work on the runtime of the streams, so they run on a separate
+//! thread. While it is busy, frames are skipped.
 
 mod json;
 mod ros2;
@@ -22,26 +21,25 @@ use tokio::sync::{mpsc, oneshot};
 use zenoh::{Config, Session, Wait as _};
 
 use crate::frame::Frame;
-use crate::shell::Shell;
-use crate::slot::{Counters, Feed};
+use crate::slot::{Counters, Feed, Shell};
 
-/// How long to wait for a router before asking again.
+/// Delay before trying to connect to a router again.
 const AGAIN: Duration = Duration::from_secs(2);
-/// In so many steps, each of which hears the word to stop.
+/// Number of steps of this delay; each checks the stop signal.
 const STEPS: u32 = 20;
 
-/// What is published on a session.
+/// A publisher on a session.
 trait Publish {
     /// Publishes a frame.
     fn publish(&mut self, frame: &Frame) -> zenoh::Result<()>;
 
-    /// Takes back what would stay after the last frame.
+    /// Removes what would remain after the last frame.
     fn end(&mut self) -> zenoh::Result<()> {
         Ok(())
     }
 }
 
-/// Serves poses as JSON to who connects to `address`.
+/// Serves poses as JSON to clients that connect to `address`.
 pub(crate) async fn serve_json(
     address: SocketAddr,
     venue: &str,
@@ -58,7 +56,7 @@ pub(crate) async fn serve_json(
                 return;
             }
         };
-        // Who asked is gone where streams end as they begin.
+        // The caller may be gone if streams stop while starting.
         drop(opened.send(Ok(())));
         let publisher = json::Publisher::new(&session, &venue);
         publish(&session, publisher, frames, counters);
@@ -67,22 +65,22 @@ pub(crate) async fn serve_json(
     Ok(address)
 }
 
-/// Sends ROS 2's messages to the router at `address`, as soon as it is there.
+/// Sends ROS 2 messages to the router at `address`, as soon as it is available.
 pub(crate) fn send_ros2(address: SocketAddr, shell: &Shell) -> io::Result<SocketAddr> {
     let config = config("client", "connect", address).map_err(as_io)?;
     run(shell, move |mut frames, counters| {
-        let mut was_said = false;
+        let mut was_reported = false;
         let session = loop {
             match zenoh::open(config.clone()).wait() {
                 Ok(session) => break session,
-                Err(error) if !was_said => {
-                    was_said = true;
+                Err(error) if !was_reported => {
+                    was_reported = true;
                     counters.failed(format!("no router at {address} yet: {}", as_io(error)));
                 }
                 Err(_) => {}
             }
             for _ in 0..STEPS {
-                // Frames that nobody can get; and the word to stop.
+                // Drop frames that cannot be sent, and check the stop signal.
                 if matches!(frames.try_recv(), Err(TryRecvError::Disconnected)) {
                     return;
                 }
@@ -95,7 +93,8 @@ pub(crate) fn send_ros2(address: SocketAddr, shell: &Shell) -> io::Result<Socket
     Ok(address)
 }
 
-/// Runs `work` on a thread of its own, which gets the newest frame whenever it can take one, and none when streams stop.
+/// Runs `work` on its own thread, which receives the newest frame whenever it is ready, and none
+/// after the stop.
 fn run(
     shell: &Shell,
     work: impl FnOnce(mpsc::Receiver<Arc<Frame>>, &Counters) + Send + 'static,
@@ -109,16 +108,16 @@ fn run(
         drop(done);
     })?;
     let (feed, stop) = (shell.feed.fresh(), shell.stop.clone());
-    shell.spawn_to_its_end(async move {
+    shell.spawn_until_done(async move {
         stop.run_until_cancelled(feed_thread(feed, sender)).await;
-        // It says goodbye to others; who does not wait for that leaves it behind.
+        // Closing waits for the network; on stop, this task is abandoned after the grace period.
         drop(is_done.await);
     });
     Ok(())
 }
 
 async fn feed_thread(mut feed: Feed, sender: mpsc::Sender<Arc<Frame>>) {
-    // Room first: the frame is then the newest.
+    // Reserve first, so that the frame is the newest one.
     while let Ok(room) = sender.reserve().await {
         let Some(frame) = feed.next().await else {
             return;
@@ -152,8 +151,9 @@ fn publish(
     }
 }
 
-/// Those who connect say what they listen to, and get what we publish: nobody's poses are passed on but ours.
-const ONLY_LISTENERS: &str = r#"{
+/// Clients may declare subscriptions and receive our publications; nothing of other clients is
+/// forwarded.
+const ONLY_SUBSCRIBERS: &str = r#"{
     enabled: true,
     default_permission: "deny",
     rules: [
@@ -164,26 +164,26 @@ const ONLY_LISTENERS: &str = r#"{
     policies: [{ rules: ["in", "out"], subjects: ["all"] }],
 }"#;
 
-/// A session that does nothing but `listen` at, or `connect` to, one address.
-fn config(mode: &str, way: &str, address: SocketAddr) -> zenoh::Result<Config> {
+/// Configuration of a session that only listens at, or connects to, one address.
+fn config(mode: &str, direction: &str, address: SocketAddr) -> zenoh::Result<Config> {
     let mut config = Config::default();
     let endpoints = format!("[\"tcp/{address}\"]");
     for (key, value) in [
         ("mode", format!("\"{mode}\"").as_str()),
-        (&format!("{way}/endpoints"), &endpoints),
+        (&format!("{direction}/endpoints"), &endpoints),
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),
-        // Whoever listens has nothing to say but what he wants.
+        // Clients only send subscriptions, so small limits are enough.
         ("transport/link/rx/max_message_size", "65536"),
         ("transport/unicast/max_sessions", "16"),
         ("transport/unicast/accept_pending", "16"),
     ] {
         config.insert_json5(key, value)?;
     }
-    if way == "connect" {
+    if direction == "connect" {
         config.insert_json5("listen/endpoints", "[]")?;
     } else {
-        config.insert_json5("access_control", ONLY_LISTENERS)?;
+        config.insert_json5("access_control", ONLY_SUBSCRIBERS)?;
     }
     Ok(config)
 }

@@ -1,14 +1,15 @@
-//! ROS 2 as `rmw_zenoh` speaks it: messages in CDR on its keys, an attachment each, liveliness tokens for its graph.
+//! ROS 2 as in `rmw_zenoh`: CDR messages on its keys, an attachment each, liveliness tokens for its
+//! graph.
 //!
 //! ```text
-//! key         <domain>/<topic>/<type>/<hash of the type>
+//! key         <domain>/<topic>/<type>/<type hash>
 //! attachment  sequence i64, Unix time in nanoseconds i64, 16, gid of 16 bytes; little endian
 //! node        @ros2_lv/<domain>/<session>/0/0/NN/%/%/<node>
 //! publisher   @ros2_lv/<domain>/<session>/0/<entity>/MP/%/%/<node>/%<topic>/<type>/<hash>/<quality of service>
 //! ```
 //!
-//! Source: <https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md>. Humble has no hashes of types: its keys end with
-//! `TypeHashNotSupported`, and messages go there too.
+//! Source: <https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md>. Humble has no type
+//! hashes: its keys end with `TypeHashNotSupported`, and messages are sent there too.
 
 use zenoh::liveliness::LivelinessToken;
 use zenoh::qos::CongestionControl;
@@ -19,13 +20,13 @@ use crate::frame::Frame;
 use crate::ros::{MARKERS_TYPE, Stamp, TF_TYPE, marker_array, tf_message};
 use crate::wall_clock::{WallClock, since_1970};
 
-/// `ROS_DOMAIN_ID` unless it is set.
+/// Default of `ROS_DOMAIN_ID`.
 const DOMAIN: u32 = 0;
-/// What the node is called.
+/// Name of the node.
 const NODE: &str = "farfield";
-/// What stands for the hash of a type in Humble.
+/// Replaces the type hash in Humble.
 const NO_HASH: &str = "TypeHashNotSupported";
-/// Reliable, volatile, the last ten: the defaults, so nothing but the depth is said.
+/// Reliable, volatile, last ten: the defaults, so only the depth is given.
 const QUALITY: &str = "::,10:,:,:,,";
 
 pub(super) struct Publisher<'a> {
@@ -35,7 +36,7 @@ pub(super) struct Publisher<'a> {
     _node: LivelinessToken,
 }
 
-/// A topic under way.
+/// An open topic.
 struct Topic<'a> {
     publishers: [zenoh::pubsub::Publisher<'a>; 2],
     gid: [u8; 16],
@@ -76,7 +77,7 @@ impl<'a> Topic<'a> {
             "@ros2_lv/{DOMAIN}/{zid}/0/{entity}/MP/%/%/{NODE}/%{mangled}/{kind}/{hash}/{QUALITY}"
         );
         let mut gid = zid.to_le_bytes();
-        // Of the session, and different for each of its publishers.
+        // Derived from the session, and unique per publisher.
         gid[15] = gid[15].wrapping_add(entity);
         Ok(Self {
             publishers: [publisher(hash)?, publisher(NO_HASH)?],
@@ -100,7 +101,7 @@ fn attachment(sequence: i64, unix_ns: i64, gid: &[u8; 16]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(33);
     bytes.extend_from_slice(&sequence.to_le_bytes());
     bytes.extend_from_slice(&unix_ns.to_le_bytes());
-    // How many bytes the gid has.
+    // Length of the gid.
     bytes.push(16);
     bytes.extend_from_slice(gid);
     bytes
@@ -109,7 +110,7 @@ fn attachment(sequence: i64, unix_ns: i64, gid: &[u8; 16]) -> Vec<u8> {
 impl Publish for Publisher<'_> {
     fn publish(&mut self, frame: &Frame) -> zenoh::Result<()> {
         let at = self.clock.stamp(frame.elapsed_s, since_1970());
-        // Until 2038, and 2262.
+        // Valid until 2038 and 2262.
         let stamp = Stamp {
             secs: i32::try_from(at.as_secs()).unwrap_or(i32::MAX),
             nanos: at.subsec_nanos(),
@@ -125,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_attachment_says_how_long_its_gid_is() {
+    fn an_attachment_contains_the_length_of_its_gid() {
         let bytes = attachment(1, 2, &[7; 16]);
         assert_eq!(bytes.len(), 33);
         assert_eq!(bytes[..8], 1i64.to_le_bytes());

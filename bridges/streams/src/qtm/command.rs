@@ -1,63 +1,63 @@
-//! What clients ask: commands of words, read whatever their case.
+//! Commands of clients, case-insensitive.
 
 use std::net::IpAddr;
 
 use super::Version;
 
-/// Most words of a command that are looked at: all components there are, and their rate.
+/// Maximum number of words of a command: all components, and their rate.
 const MAX_WORDS: usize = 64;
 
 /// A command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Command {
-    /// Which version is spoken; with a version, to speak that one.
+    /// Query the protocol version, or select one.
     Version(Option<Version>),
-    /// Which program this is.
+    /// Query the program.
     QtmVersion,
-    /// Which byte order is spoken.
+    /// Query the byte order.
     ByteOrder,
-    /// Whether a licence is good; here it always is.
+    /// Check the licence; always valid here.
     CheckLicense,
-    /// The last event.
+    /// Query the last event.
     GetState,
-    /// Settings as XML.
+    /// Query settings as XML.
     GetParameters(Vec<Topic>),
-    /// The newest frame.
+    /// Query the newest frame.
     GetCurrentFrame(Components),
-    /// All frames from now on.
+    /// Stream frames from now on.
     StreamFrames {
-        /// Which of them.
+        /// Which frames.
         rate: Rate,
-        /// Where to, by UDP; `None` for this connection. Without an address the client's own.
+        /// Target of UDP; `None` for this connection. Without an address the client's own is used.
         udp: Option<(Option<IpAddr>, u16)>,
-        /// What of them.
+        /// Which components.
         components: Components,
     },
-    /// No frames any more.
+    /// Stop streaming.
     StopStreaming,
-    /// Goodbye.
+    /// Close the connection.
     Quit,
-    /// What commands the cameras, a measurement or the file on the screen.
+    /// Control of cameras, measurements or files.
     Control,
 }
 
-/// What parameters are asked for.
+/// Requested parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Topic {
-    /// Rate, and what is done to data.
+    /// Rate and processing.
     General,
     /// Labels of markers.
     Markers,
     /// Rigid bodies.
     Bodies,
-    /// Skeletons: segments against their parents, or in the world.
+    /// Skeletons: segments relative to their parents, or in the world.
     Skeletons {
         /// Whether in the world.
         global: bool,
     },
-    /// Force plates: there are none.
+    /// Force plates; there are none.
     Force,
-    /// Something else that there is none of.
+    /// Other topics without data.
     Nothing,
 }
 
@@ -68,45 +68,45 @@ pub enum Rate {
     All,
     /// Every n-th.
     Divisor(u32),
-    /// As many a second.
+    /// Frames per second.
     Hz(u32),
 }
 
-/// One kind of data of a frame.
+/// One component of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Component {
     /// Joints as labelled markers.
     Markers {
-        /// With how sure they are.
+        /// With residuals.
         residual: bool,
     },
-    /// Markers that nobody labelled: there are none.
+    /// Unlabelled markers; there are none.
     Unlabelled {
-        /// With how sure they are.
+        /// With residuals.
         residual: bool,
     },
     /// Pelvises as rigid bodies.
     Bodies {
-        /// Angles in place of matrices.
+        /// Angles instead of matrices.
         euler: bool,
-        /// With how sure they are.
+        /// With residuals.
         residual: bool,
     },
     /// Skeletons.
     Skeletons {
-        /// In the world in place of against their parents.
+        /// In the world instead of relative to their parents.
         global: bool,
     },
 }
 
-/// Kinds of data, in the order in which they are asked for. Kinds that there is nothing of are left out.
+/// Components in the requested order. Components without data are omitted.
 pub type Components = Vec<Component>;
 
 impl Command {
-    /// Reads a command.
+    /// Parses a command.
     ///
     /// # Errors
-    /// What is said to the client.
+    /// The error text for the client.
     pub fn parse(text: &str) -> Result<Self, String> {
         let lower = text.to_ascii_lowercase();
         let mut words = lower.split_ascii_whitespace();
@@ -221,7 +221,7 @@ fn components(words: &[&str]) -> Result<Components, String> {
             "skeleton:global" => add(Component::Skeletons { global: true }),
             "2d" | "2dlin" | "force" | "forcesingle" | "image" | "gazevector" | "eyetracker"
             | "timecode" => {}
-            // With channels behind a colon.
+            // With channels after a colon.
             analog if analog.starts_with("analog") => {}
             _ => return Err("Parse error".to_owned()),
         }
@@ -255,7 +255,7 @@ fn above_zero(number: &str) -> Result<u32, String> {
     }
 }
 
-/// `port`, or `address:port`.
+/// Parses `port` or `address:port`.
 fn udp_target(to: &str) -> Result<(Option<IpAddr>, u16), String> {
     let (ip, port) = match to.rsplit_once(':') {
         None => (None, to),
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_command_is_refused() {
+    fn invalid_commands_are_refused() {
         for text in [
             "",
             "hello",

@@ -8,26 +8,26 @@
 //! skeletons  count u32 | (segments u32 | (id u32 | x y z f32 | quaternion x y z w f32)...)...
 //! ```
 //!
-//! Angles are roll, pitch and yaw of `R = Rx(roll) Ry(pitch) Rz(yaw)`, Qualisys' standard. What is missing is not a number;
-//! a skeleton that is missing has no segments.
+//! Angles are roll, pitch and yaw of `R = Rx(roll) Ry(pitch) Rz(yaw)`, Qualisys' standard. Missing
+//! values are NaN; a missing skeleton has no segments.
 
 use farfield_export::skeleton::Bone;
 use farfield_fusion::body::skeleton::Joint;
 use nalgebra::{Matrix3, Vector3};
 
+use super::Layout;
 use super::command::Component;
-use super::layout::Layout;
 use super::wire::{PacketKind, packet};
 use crate::frame::{Frame, PersonFrame, Roster};
 
 const MM: f64 = 1000.0;
 
-/// The data packet of a frame: these components, in the order of people that the client knows.
+/// The data packet of a frame with these components, in the client's order of people.
 pub fn data_packet(frame: &Frame, components: &[Component], layout: &Layout) -> Vec<u8> {
     let mut payload = Vec::with_capacity(1024);
-    // i64 of 292,000 years.
+    // Microseconds as i64 last 292,000 years.
     payload.extend_from_slice(&frame.elapsed_us().to_le_bytes());
-    // Frame numbers are unsigned and 32 bits wide: ticks modulo 2^32.
+    // Frame numbers are unsigned with 32 bits: ticks modulo 2^32.
     payload.extend_from_slice(&(frame.tick.0 as u32).to_le_bytes());
     put_u32(&mut payload, components.len());
     for component in components {
@@ -57,7 +57,7 @@ pub fn data_packet(frame: &Frame, components: &[Component], layout: &Layout) -> 
     packet(PacketKind::Data, &payload)
 }
 
-/// The head of markers and bodies: their number, and rates of lost 2D data, of which there is none.
+/// The header of markers and bodies: their number, and drop rates of 2D data, which are 0.
 fn counted(n: usize) -> Vec<u8> {
     let mut content = Vec::new();
     put_u32(&mut content, n);
@@ -80,7 +80,7 @@ fn markers(frame: &Frame, roster: &Roster, residual: bool) -> Vec<u8> {
     content
 }
 
-/// How sure a joint is, metres; 0 is what the protocol calls unknown.
+/// Standard deviation of a joint, metres; 0 means unknown in the protocol.
 fn sigma_m(person: Option<&PersonFrame>, joint: Joint) -> f64 {
     let sigma_m = person.and_then(|person| person.sigma_m);
     sigma_m.map_or(0.0, |all| all[joint.index()])
@@ -108,10 +108,10 @@ fn bodies(frame: &Frame, roster: &Roster, euler: bool, residual: bool) -> Vec<u8
     content
 }
 
-/// Angles of R = Rx(a) Ry(b) Rz(c), degrees: a and c within ±180, b within ±90. At the pole of b, where only a ± c is
-/// known, c is 0.
+/// Angles of R = Rx(a) Ry(b) Rz(c), degrees: a and c within ±180, b within ±90. At the pole of b,
+/// only a ± c is defined, and c is 0.
 fn roll_pitch_yaw_deg(r: &Matrix3<f64>) -> [f64; 3] {
-    /// Cosine of b below which a and c are not told apart.
+    /// Cosine of b below which a and c cannot be separated.
     const POLE: f64 = 1e-9;
     let cos_b = libm::hypot(r[(0, 0)], r[(0, 1)]);
     let b = libm::atan2(r[(0, 2)], cos_b);
@@ -204,7 +204,7 @@ mod tests {
             &Layout::default(),
         );
         assert_eq!(u32_at(&bytes, 0) as usize, bytes.len());
-        // A second after the first tick of the session.
+        // One second after the first tick of the session.
         assert_eq!(
             u64::from_le_bytes(bytes[8..16].try_into().unwrap()),
             1_000_000
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_not_in_the_frame_is_sent_as_missing() {
+    fn people_missing_from_the_frame_are_sent_as_missing() {
         let frame = synthetic::frame(100);
         let mut alone = Frame::clone(&frame);
         alone.persons.remove(0);

@@ -1,7 +1,7 @@
-//! Parameters as XML, in the shapes of the version that a client speaks.
+//! Parameters as XML, in the format of the client's protocol version.
 //!
-//! Clients read these with parsers that refuse a document in which an element is missing, so what means nothing here (time
-//! bases, triggers, processing) is there with the values of a system that has none of it.
+//! Clients use parsers that reject documents with missing elements. So elements that do not apply
+//! here (time bases, triggers, processing) are present, with the values of a system without them.
 
 use farfield_export::skeleton::{Bone, Rig};
 use farfield_fusion::body::skeleton::Joint;
@@ -41,7 +41,7 @@ pub fn parameters(topics: &[Topic], version: Version, rate_hz: f64, roster: &Ros
 
 fn general(xml: &mut Xml, rate_hz: f64) {
     xml.element("General", |xml| {
-        // Clients read a whole number.
+        // Clients expect an integer.
         xml.text("Frequency", &format!("{}", rate_hz.round().max(1.0)));
         xml.text("Capture_Time", "0.000000");
         for trigger in [
@@ -113,7 +113,7 @@ fn general(xml: &mut Xml, rate_hz: f64) {
     });
 }
 
-/// What a person's marker is called.
+/// Label of a person's marker.
 fn label(entry: &RosterEntry, joint: Joint) -> String {
     format!("{}_{}", entry.name, joint.name())
 }
@@ -186,7 +186,7 @@ fn bodies(xml: &mut Xml, roster: &Roster) {
     });
 }
 
-/// Before version 1.21.
+/// Format before version 1.21.
 fn flat_bodies(xml: &mut Xml, roster: &Roster) {
     xml.element("The_6D", |xml| {
         xml.text("Bodies", &roster.people.len().to_string());
@@ -224,7 +224,8 @@ fn skeletons(xml: &mut Xml, roster: &Roster, version: Version, global: bool) {
     });
 }
 
-/// Where every segment is at rest, against its parent or in the world, millimetres; the hips stand at their height.
+/// Position of every segment at rest, relative to its parent or in the world, millimetres; the hips
+/// are at their height.
 fn at_rest_mm(entry: &RosterEntry, global: bool) -> Vec<Vector3<f64>> {
     let rig = Rig::new(&entry.offsets, REST);
     let hips_m = Vector3::z() * entry.offsets.pelvis_height_m();
@@ -274,7 +275,7 @@ fn triple(v: &Vector3<f64>) -> String {
     format!(r#"X="{:.6}" Y="{:.6}" Z="{:.6}""#, v.x, v.y, v.z)
 }
 
-/// Text that is no markup; what XML cannot hold becomes a question mark.
+/// Escapes text; characters that XML cannot represent become question marks.
 fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -290,7 +291,7 @@ fn escaped(text: &str) -> String {
     escaped
 }
 
-/// A document as it grows.
+/// A document under construction.
 #[derive(Debug, Default)]
 struct Xml(String);
 
@@ -332,14 +333,14 @@ mod tests {
     use super::*;
     use crate::synthetic;
 
-    fn of(topics: &[Topic], minor: u8) -> String {
+    fn document(topics: &[Topic], minor: u8) -> String {
         let version = Version { major: 1, minor };
         parameters(topics, version, 60.0, &synthetic::frame(0).roster)
     }
 
     #[test]
-    fn every_label_is_announced_and_names_are_no_markup() {
-        let xml = of(&[Topic::Markers], 25);
+    fn every_label_is_listed_and_names_are_escaped() {
+        let xml = document(&[Topic::Markers], 25);
         assert!(xml.starts_with("<QTM_Parameters_Ver_1.25><The_3D><AxisUpwards>+Z<"));
         assert!(xml.contains("<Labels>58</Labels>"));
         assert_eq!(xml.matches("<Label>").count(), 58);
@@ -347,28 +348,28 @@ mod tests {
     }
 
     #[test]
-    fn segments_nest_since_version_1_21_and_are_a_list_before() {
+    fn segments_are_nested_since_version_1_21() {
         let topics = [Topic::Skeletons { global: false }];
-        let nested = of(&topics, 25);
+        let nested = document(&topics, 25);
         assert_eq!(nested.matches("<Segment ").count(), 40);
         assert!(nested.contains(r#"<Segments><Segment Name="Hips" ID="1">"#));
         assert!(!nested.contains("Parent_ID"));
-        let flat = of(&topics, 20);
+        let flat = document(&topics, 20);
         assert_eq!(flat.matches("<Segment ").count(), 40);
         assert!(flat.contains(r#"<Segment Name="LeftHand" ID="8" Parent_ID="7"><Position X="#));
-        assert!(of(&[Topic::Bodies], 20).contains("<The_6D><Bodies>2</Bodies>"));
+        assert!(document(&[Topic::Bodies], 20).contains("<The_6D><Bodies>2</Bodies>"));
     }
 
     #[test]
-    fn what_there_is_none_of_is_an_empty_document() {
+    fn topics_without_data_give_an_empty_document() {
         assert_eq!(
-            of(&[Topic::Nothing], 24),
+            document(&[Topic::Nothing], 24),
             "<QTM_Parameters_Ver_1.24></QTM_Parameters_Ver_1.24>"
         );
     }
 
     #[test]
-    fn elements_close_as_they_opened() {
+    fn all_elements_are_closed() {
         for minor in [8, 20, 25] {
             let all = [
                 Topic::General,
@@ -377,7 +378,7 @@ mod tests {
                 Topic::Skeletons { global: true },
                 Topic::Force,
             ];
-            let xml = of(&all, minor);
+            let xml = document(&all, minor);
             let mut open = Vec::new();
             for tag in xml
                 .split('<')

@@ -1,4 +1,4 @@
-//! The server: a task that takes connections, and one per client.
+//! The server: a task that accepts connections, and one per client.
 
 use std::io;
 use std::net::SocketAddr;
@@ -9,19 +9,17 @@ use tokio::net::{TcpStream, UdpSocket};
 
 use super::session::Session;
 use super::wire::Incoming;
-use crate::server::{listen, take_clients, write};
-use crate::shell::Shell;
-use crate::slot::Feed;
-use crate::udp::send_all;
+use crate::server::{listen, send_all, take_clients, write};
+use crate::slot::{Feed, Shell};
 
-/// Bytes read from a client at once.
+/// Size of a read.
 const READ: usize = 4096;
 
-/// Serves clients at `address`; says where, as the port may have been left open.
+/// Serves clients at `address`; returns the bound address, since the port may be 0.
 pub(crate) async fn serve(address: SocketAddr, shell: Shell) -> io::Result<SocketAddr> {
     let listener = listen(address)?;
     let bound = listener.local_addr()?;
-    // Bound where the clients connect to: datagrams come from the address that they know.
+    // Bound to the server's address, so that datagrams come from the address that clients know.
     let udp = UdpSocket::bind(SocketAddr::new(bound.ip(), 0)).await?;
     let udp = Arc::new(udp);
     let clients = shell.clone();
@@ -35,16 +33,17 @@ pub(crate) async fn serve(address: SocketAddr, shell: Shell) -> io::Result<Socke
 }
 
 async fn serve_client(
-    (socket, peer): (TcpStream, SocketAddr),
+    client: (TcpStream, SocketAddr),
     udp: Arc<UdpSocket>,
     shell: Shell,
     mut feed: Feed,
 ) -> (Feed, io::Result<()>) {
+    let (socket, peer) = client;
     let served = answer_client(socket, peer, &udp, &shell, &mut feed).await;
     (feed, served)
 }
 
-/// Until the client leaves, does what cannot be understood, or takes nothing for too long.
+/// Runs until the client leaves, sends invalid data, or accepts nothing for too long.
 async fn answer_client(
     mut socket: TcpStream,
     peer: SocketAddr,
@@ -63,9 +62,8 @@ async fn answer_client(
         tokio::select! {
             biased;
             () = stop.cancelled() => {
-                // A client that hangs does not hear it.
-                let said = writer.try_write(&Session::goodbye());
-                drop(said);
+                // A client that hangs does not receive it.
+                drop(writer.try_write(&Session::goodbye()));
                 return Ok(());
             }
             read = reader.read(&mut bytes) => {
@@ -77,8 +75,8 @@ async fn answer_client(
                 };
                 incoming.push(bytes.get(..n).unwrap_or_default());
                 loop {
-                    let asked = match incoming.take() {
-                        Ok(Some(asked)) => asked,
+                    let request = match incoming.take() {
+                        Ok(Some(request)) => request,
                         Ok(None) => break,
                         Err(too_long) => {
                             write(&mut writer, &Session::refusal("Parse error"), stop).await?;
@@ -86,7 +84,7 @@ async fn answer_client(
                         }
                     };
                     let was_streaming = session.is_streaming();
-                    let answer = session.answer(&asked, feed.newest().as_ref());
+                    let answer = session.answer(&request, feed.newest().as_ref());
                     if !was_streaming {
                         feed.catch_up();
                     }
@@ -108,7 +106,7 @@ async fn answer_client(
                 match sent {
                     Ok(()) if is_data => shell.counters.sent(),
                     Ok(()) => {}
-                    // Such as a crowd that fits into no datagram.
+                    // For example, a crowd that does not fit into a datagram.
                     Err(error) => shell.counters.failed(format!("datagram to {peer}: {error}")),
                 }
             }

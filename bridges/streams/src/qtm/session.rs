@@ -1,37 +1,36 @@
-//! What a client has asked for, and what it is sent: values in, packets out, without a socket.
+//! State of a client and the packets for it: values in, packets out, without sockets.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 
 use super::command::{Command, Component, Rate, Topic};
 use super::components::data_packet;
-use super::layout::Layout;
 use super::parameters::parameters;
 use super::wire::{PacketKind, packet, text, text_of};
 use super::{Packet, Version};
 use crate::frame::{Frame, Roster};
 
-/// Events, by their numbers.
+/// Events with their numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Event {
-    /// A measurement is there. Clients read parameters again.
+    /// A measurement is available. Clients read parameters again.
     Connected = 1,
-    /// The server leaves.
+    /// The server shuts down.
     ShuttingDown = 12,
 }
 
-/// What is sent for what a client asked.
+/// The answer to a client.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Answer {
-    /// Packets, one behind the other.
+    /// Concatenated packets.
     pub bytes: Vec<u8>,
-    /// Whether the connection ends then.
+    /// Whether the connection ends afterwards.
     pub closes: bool,
 }
 
 impl Answer {
-    fn say(text_of_it: &str) -> Self {
-        Self::packet(text(PacketKind::Command, text_of_it))
+    fn reply(message: &str) -> Self {
+        Self::packet(text(PacketKind::Command, message))
     }
 
     fn refuse(why: &str) -> Self {
@@ -51,7 +50,7 @@ struct Streaming {
     rate: Rate,
     components: Vec<Component>,
     udp: Option<SocketAddr>,
-    /// Which of the frames that the rate lets through was the last.
+    /// Number of the last streamed frame, counted at the requested rate.
     last: Option<i64>,
 }
 
@@ -62,53 +61,53 @@ pub struct Session {
     version: Version,
     layout: Layout,
     streaming: Option<Streaming>,
-    /// The list of people that the client knows of; `None` until it has asked for any: simple clients take an event for the
-    /// answer to what they asked.
-    told_roster: Option<u64>,
+    /// Version of the roster that the client knows; `None` before its first request, since simple
+    /// clients mistake an event for the answer.
+    known_roster: Option<u64>,
     rate_hz: f64,
 }
 
 impl Session {
-    /// A client at that address, who has asked for nothing yet.
+    /// A client at this address without any requests yet.
     pub fn new(peer: IpAddr) -> Self {
         Self {
             peer,
             version: Version::NEWEST,
             layout: Layout::default(),
             streaming: None,
-            told_roster: None,
+            known_roster: None,
             rate_hz: 100.0,
         }
     }
 
-    /// What is said first.
+    /// The first packet.
     pub fn welcome() -> Vec<u8> {
         text(PacketKind::Command, "QTM RT Interface connected")
     }
 
-    /// What is said instead when there are too many clients, or one sends what is no packet.
+    /// The packet for surplus clients and invalid packets.
     pub fn refusal(why: &str) -> Vec<u8> {
         text(PacketKind::Error, why)
     }
 
-    /// What is said last when the streams stop.
+    /// The last packet when the streams stop.
     pub fn goodbye() -> Vec<u8> {
         event(Event::ShuttingDown)
     }
 
-    /// Whether frames are wanted.
+    /// Whether frames are requested.
     pub fn is_streaming(&self) -> bool {
         self.streaming.is_some()
     }
 
-    /// Answers a packet of the client; `newest` is the newest frame, if there is one yet.
-    pub fn answer(&mut self, asked: &Packet, newest: Option<&Arc<Frame>>) -> Answer {
-        if asked.kind == PacketKind::Command as u32 {
-            match Command::parse(&text_of(&asked.payload)) {
+    /// Answers a client's packet; `newest` is the newest frame, if any.
+    pub fn answer(&mut self, request: &Packet, newest: Option<&Arc<Frame>>) -> Answer {
+        if request.kind == PacketKind::Command as u32 {
+            match Command::parse(&text_of(&request.payload)) {
                 Ok(command) => self.command(command, newest),
                 Err(why) => Answer::refuse(&why),
             }
-        } else if asked.kind == PacketKind::Xml as u32 {
+        } else if request.kind == PacketKind::Xml as u32 {
             Answer::refuse(NOT_MASTER)
         } else {
             Answer::refuse("Parse error")
@@ -119,17 +118,18 @@ impl Session {
         match command {
             Command::Version(None) => {
                 let Version { major, minor } = self.version;
-                Answer::say(&format!("Version is {major}.{minor}"))
+                Answer::reply(&format!("Version is {major}.{minor}"))
             }
             Command::Version(Some(version)) => {
                 self.version = version;
                 let Version { major, minor } = version;
-                Answer::say(&format!("Version set to {major}.{minor}"))
+                Answer::reply(&format!("Version set to {major}.{minor}"))
             }
-            // Clients take the number apart: a version of QTM that speaks the newest protocol that is spoken here.
-            Command::QtmVersion => Answer::say("QTM Version is 2024.1 (build 0)"),
-            Command::ByteOrder => Answer::say("Byte order is little endian"),
-            Command::CheckLicense => Answer::say("License pass"),
+            // Clients parse the number: a QTM version that supports the newest protocol version
+            // supported here.
+            Command::QtmVersion => Answer::reply("QTM Version is 2024.1 (build 0)"),
+            Command::ByteOrder => Answer::reply("Byte order is little endian"),
+            Command::CheckLicense => Answer::reply("License pass"),
             Command::GetState => Answer::packet(event(Event::Connected)),
             Command::GetParameters(topics) => self.parameters(&topics, newest),
             Command::GetCurrentFrame(components) => Answer::packet(match newest {
@@ -147,23 +147,23 @@ impl Session {
             }
             Command::Quit => Answer {
                 closes: true,
-                ..Answer::say("Bye bye")
+                ..Answer::reply("Bye bye")
             },
             Command::Control => Answer::refuse(NOT_MASTER),
         }
     }
 
     fn parameters(&mut self, topics: &[Topic], newest: Option<&Arc<Frame>>) -> Answer {
-        let nobody = Arc::new(Roster {
+        let empty = Arc::new(Roster {
             version: 0,
             people: Vec::new(),
         });
-        let roster = newest.map_or(&nobody, |frame| &frame.roster);
+        let roster = newest.map_or(&empty, |frame| &frame.roster);
         if let Some(frame) = newest {
             self.rate_hz = frame.rate_hz;
         }
         self.layout.read(topics, roster);
-        self.told_roster = Some(roster.version);
+        self.known_roster = Some(roster.version);
         let xml = parameters(topics, self.version, self.rate_hz, roster);
         Answer::packet(text(PacketKind::Xml, &xml))
     }
@@ -176,7 +176,7 @@ impl Session {
         newest: Option<&Arc<Frame>>,
     ) -> Answer {
         let udp = match udp {
-            // Or anybody could have a third machine flooded.
+            // Otherwise anyone could flood a third machine.
             Some((Some(ip), _)) if ip.to_canonical() != self.peer.to_canonical() => {
                 return Answer::refuse("UDP goes to the client's own address only");
             }
@@ -190,21 +190,21 @@ impl Session {
             last: None,
         });
         let version = newest.map_or(0, |frame| frame.roster.version);
-        self.told_roster.get_or_insert(version);
+        self.known_roster.get_or_insert(version);
         if newest.is_some() {
             return Answer::default();
         }
-        // As QTM does where no measurement runs; frames follow when there are some.
+        // As QTM does without a measurement; frames follow when there are some.
         Answer::packet(packet(PacketKind::NoMoreData, &[]))
     }
 
-    /// What is sent of a frame: to the connection, and to where by UDP.
+    /// Packets for a frame: for the connection, and by UDP.
     pub fn frame(&mut self, frame: &Frame) -> (Vec<u8>, Option<(SocketAddr, Vec<u8>)>) {
         self.rate_hz = frame.rate_hz;
         let mut bytes = Vec::new();
         let version = frame.roster.version;
-        if self.told_roster.is_some_and(|told| told != version) {
-            self.told_roster = Some(version);
+        if self.known_roster.is_some_and(|known| known != version) {
+            self.known_roster = Some(version);
             bytes = event(Event::Connected);
         }
         let Some(streaming) = self.streaming.as_mut() else {
@@ -228,11 +228,50 @@ impl Session {
     }
 }
 
-/// QTM's own words.
+/// QTM's own wording.
 const NOT_MASTER: &str = "You must be master to issue this command";
 
 fn event(event: Event) -> Vec<u8> {
     packet(PacketKind::Event, &[event as u8])
+}
+
+/// The lists of people that a client last read, which define the order of data. Lists that it never
+/// read are those of the frame.
+#[derive(Debug, Clone, Default)]
+pub struct Layout {
+    markers: Option<Arc<Roster>>,
+    bodies: Option<Arc<Roster>>,
+    skeletons: Option<Arc<Roster>>,
+}
+
+impl Layout {
+    /// The people whose markers are sent, in order.
+    pub fn markers<'a>(&'a self, frame: &'a Frame) -> &'a Roster {
+        self.markers.as_ref().unwrap_or(&frame.roster)
+    }
+
+    /// The people whose bodies are sent, in order.
+    pub fn bodies<'a>(&'a self, frame: &'a Frame) -> &'a Roster {
+        self.bodies.as_ref().unwrap_or(&frame.roster)
+    }
+
+    /// The people whose skeletons are sent, in order.
+    pub fn skeletons<'a>(&'a self, frame: &'a Frame) -> &'a Roster {
+        self.skeletons.as_ref().unwrap_or(&frame.roster)
+    }
+
+    /// Records that the client read these parameters for the people of `roster`.
+    fn read(&mut self, topics: &[Topic], roster: &Arc<Roster>) {
+        for topic in topics {
+            let list = match topic {
+                Topic::Markers => &mut self.markers,
+                Topic::Bodies => &mut self.bodies,
+                Topic::Skeletons { .. } => &mut self.skeletons,
+                Topic::General | Topic::Force | Topic::Nothing => continue,
+            };
+            *list = Some(Arc::clone(roster));
+        }
+    }
 }
 
 #[cfg(test)]
@@ -248,11 +287,11 @@ mod tests {
     }
 
     fn ask(session: &mut Session, command: &str, newest: Option<&Arc<Frame>>) -> (u32, String) {
-        let asked = Packet {
+        let request = Packet {
             kind: PacketKind::Command as u32,
             payload: command.as_bytes().to_vec(),
         };
-        let bytes = session.answer(&asked, newest).bytes;
+        let bytes = session.answer(&request, newest).bytes;
         let kind = bytes.get(4..8).map_or(u32::MAX, |four| {
             u32::from_le_bytes(four.try_into().unwrap())
         });
@@ -260,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_asked_for_nothing_is_told_nothing() {
+    fn clients_without_requests_receive_no_events() {
         let mut session = session();
         assert!(session.frame(&synthetic::frame(0)).0.is_empty());
         ask(&mut session, "GetParameters General", None);
@@ -268,10 +307,10 @@ mod tests {
     }
 
     #[test]
-    fn nobody_can_take_control() {
+    fn control_commands_are_refused() {
         for command in ["TakeControl", "Start", "Load a.qtm", "New"] {
-            let (kind, said) = ask(&mut session(), command, None);
-            assert_eq!((kind, said.as_str()), (0, NOT_MASTER));
+            let (kind, text) = ask(&mut session(), command, None);
+            assert_eq!((kind, text.as_str()), (0, NOT_MASTER));
         }
     }
 
@@ -284,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn udp_goes_to_the_client_alone() {
+    fn udp_is_sent_only_to_the_client() {
         let mut session = session();
         let frame = synthetic::frame(5);
         let refused = "StreamFrames AllFrames UDP:192.168.1.9:4000 3D";
@@ -300,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_let_through_as_many_frames_as_they_say() {
+    fn rates_limit_the_number_of_frames() {
         for (rate, expected) in [
             ("AllFrames", 60),
             ("FrequencyDivisor:4", 15),
@@ -325,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_counts_by_the_list_that_it_read_until_it_reads_again() {
+    fn clients_get_their_known_order_until_they_read_the_list_again() {
         let mut maker = FrameMaker::new(synthetic::facts());
         let one = Arc::new(maker.frame(&synthetic::poses_at(1, 0)));
         let mut session = session();
@@ -334,10 +373,10 @@ mod tests {
         let alone = session.frame(&one).0;
         assert_eq!(alone[4..8], [3, 0, 0, 0]);
         let two = Arc::new(maker.frame(&synthetic::poses_at(2, 1)));
-        let told = session.frame(&two).0;
-        // An event, then markers of one person still.
-        assert_eq!(told[..9], [9, 0, 0, 0, 6, 0, 0, 0, 1]);
-        assert_eq!(told.len(), 9 + alone.len());
+        let bytes = session.frame(&two).0;
+        // An event, then markers of still one person.
+        assert_eq!(bytes[..9], [9, 0, 0, 0, 6, 0, 0, 0, 1]);
+        assert_eq!(bytes.len(), 9 + alone.len());
         ask(&mut session, "GetParameters 3D", Some(&two));
         let three = maker.frame(&synthetic::poses_at(2, 2));
         assert_eq!(session.frame(&three).0.len(), alone.len() + 29 * 12);

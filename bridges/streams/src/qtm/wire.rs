@@ -1,18 +1,18 @@
-//! Packets: a head of size and kind, 32 bits each, little endian, and what is in them.
+//! Packets: size and kind, 32 bits each, little endian, then the content.
 
 use thiserror::Error;
 
-/// Length of a packet's head, bytes.
+/// Length of a packet's header, bytes.
 const HEAD: usize = 8;
-/// Most bytes of a packet that a client may send: commands have tens, settings some thousands.
+/// Maximum size of a client's packet, bytes; commands have tens, settings some thousands.
 const MAX_PACKET: usize = 64 * 1024;
 
-/// What a packet is.
+/// Kind of a packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PacketKind {
-    /// Text: what was wrong.
+    /// Text: an error.
     Error = 0,
-    /// Text: a command, or the answer to one.
+    /// Text: a command or its answer.
     Command = 1,
     /// Text: parameters.
     Xml = 2,
@@ -20,43 +20,44 @@ pub enum PacketKind {
     Data = 3,
     /// There is no frame.
     NoMoreData = 4,
-    /// One byte: something happened.
+    /// One byte: an event.
     Event = 6,
 }
 
 /// A packet of a client.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Packet {
-    /// Number of its kind, as sent.
+    /// Number of its kind on the wire.
     pub kind: u32,
-    /// What follows the head.
+    /// The content after the header.
     pub payload: Vec<u8>,
 }
 
-/// A client announced a packet that no command is as long as.
+/// A client announced a packet that is longer than any command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error("found a packet of {found} bytes, expected 8 to {MAX_PACKET}")]
 pub struct TooLong {
-    /// The size in its head.
+    /// The announced size.
     pub found: u32,
 }
 
-/// Bytes of a client, until they are whole packets. Holds at most one packet and what was read beyond it.
+/// Buffers a client's bytes until they form whole packets. Holds at most one packet and the bytes
+/// read beyond it.
 #[derive(Debug, Default)]
 pub struct Incoming {
     bytes: Vec<u8>,
 }
 
 impl Incoming {
-    /// Takes bytes as they come.
+    /// Adds received bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
     }
 
-    /// The next whole packet; `None` until there is one.
+    /// The next whole packet; `None` if incomplete.
     ///
     /// # Errors
-    /// A size that no packet has: nothing that follows can be understood.
+    /// An invalid size; the following bytes cannot be interpreted.
     pub fn take(&mut self) -> Result<Option<Packet>, TooLong> {
         let word = |at: usize| {
             let four = self.bytes.get(at..at + 4)?;
@@ -78,7 +79,7 @@ impl Incoming {
     }
 }
 
-/// A packet of that kind.
+/// A packet of this kind.
 pub(crate) fn packet(kind: PacketKind, payload: &[u8]) -> Vec<u8> {
     let size = u32::try_from(HEAD + payload.len()).unwrap_or(u32::MAX);
     let mut bytes = Vec::with_capacity(HEAD + payload.len());
@@ -88,14 +89,14 @@ pub(crate) fn packet(kind: PacketKind, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A packet of text, which ends with a zero.
+/// A packet with zero-terminated text.
 pub(crate) fn text(kind: PacketKind, text: &str) -> Vec<u8> {
     let mut payload = text.as_bytes().to_vec();
     payload.push(0);
     packet(kind, &payload)
 }
 
-/// The text of a packet: up to the first zero, as UTF-8 where it is that.
+/// The text of a packet: up to the first zero, as lossy UTF-8.
 pub(crate) fn text_of(payload: &[u8]) -> String {
     let end = payload
         .iter()
@@ -112,7 +113,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn packets_come_out_as_they_went_in_however_they_are_cut(
+        fn packets_round_trip_in_arbitrary_pieces(
             texts in prop::collection::vec("[a-zA-Z0-9: ]{0,40}", 0..6), cut in 1usize..9,
         ) {
             let sent: Vec<u8> = texts.iter().flat_map(|t| text(PacketKind::Command, t)).collect();
@@ -138,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_of_impossible_size_is_refused_before_it_is_read() {
+    fn packets_of_invalid_size_are_refused_before_reading() {
         for size in [0u32, 7, 65_537, u32::MAX] {
             let mut incoming = Incoming::default();
             incoming.push(&size.to_le_bytes());

@@ -1,13 +1,15 @@
-//! C3D, the format of biomechanics: joints and keypoints as points, one person a file. Joints that the keypoints never tell
-//! are left out, as in our TRC files.
+//! C3D, the format of biomechanics: joints and keypoints as points, one person per file. Joints
+//! that the keypoints do not determine are omitted, as in our TRC files.
 //!
-//! Millimetres, z up, unless a preset says otherwise; floating-point data of Intel's byte order. The first frame is
-//! number 1 and lies at the first exported tick; `FARFIELD:START_SECONDS` is its time since the run's first. Frame numbers
-//! of the head end at 65535: beyond it `TRIAL:ACTUAL_START_FIELD` and `ACTUAL_END_FIELD` count. A point that is not
-//! there has residual -1; else its residual is its standard deviation, 0 for what was filled, and its camera mask has as many
-//! bits as views took part (up to seven). A residual is a byte times the absolute value of `POINT:SCALE`, in units of length: the scale is
-//! one millimetre in the file's unit, below 0 since the data are floating-point numbers, which it does not scale. The byte of a point that
-//! was seen is 1 to 255: 0 would say that it was not, and 1 is also that of a keypoint whose deviation nobody knows.
+//! Millimetres, z up, unless a preset is given; floating-point data in Intel byte order. The first
+//! frame has the number 1 and is the first exported tick; `FARFIELD:START_SECONDS` is its time
+//! since the run's first tick. Frame numbers in the header end at 65535; beyond it
+//! `TRIAL:ACTUAL_START_FIELD` and `ACTUAL_END_FIELD` apply. A missing point has the residual -1.
+//! Otherwise the residual is the standard deviation, or 0 for filled points, and the camera mask
+//! has as many bits as views took part (up to seven). A residual is a byte times the absolute value
+//! of `POINT:SCALE`, in units of length. The scale is one millimetre in the file's unit; it is
+//! negative, which marks floating-point data, and does not scale them. The byte of a seen point is
+//! 1 to 255: 0 would mark it as filled, and 1 is also used for unknown deviations.
 //!
 //! Source: "The C3D File Format, A Technical User Guide", Motion Lab Systems 2021.
 
@@ -16,7 +18,7 @@ mod parameters;
 use std::io::{self, Write};
 
 use self::parameters::Parameters;
-use super::points::{Point, determined, names, points};
+use super::{Point, determined, names, points};
 use crate::axes::{Axes, Orientation, Unit};
 use crate::subject::Subject;
 use crate::target_names::{c3d_labels, c3d_text};
@@ -26,20 +28,20 @@ const DEFAULT_AXES: Axes = Axes {
     unit: Unit::Millimetre,
     orientation: Orientation::ZUp,
 };
-/// Bytes of a block, of which a file is made.
+/// Size of a block, bytes.
 const BLOCK: usize = 512;
-/// Most points of a file: readers take no more than 255 labels.
+/// Maximum number of points; readers support at most 255 labels.
 const MOST_POINTS: usize = 255;
-/// Where the parameters begin, in blocks from 1.
+/// First block of the parameters, from 1.
 const PARAMETER_START: u8 = 2;
-/// Stands for a file of C3D.
+/// Identifies a C3D file.
 const KEY: u8 = 0x50;
-/// Says that events have labels of four letters; there are none.
+/// Marks event labels of four letters; there are no events.
 const LABELS_OF_FOUR: u16 = 12_345;
-/// Least and largest residual of a point that was seen, millimetres.
+/// Range of the residual of a seen point, millimetres.
 const LEAST_RESIDUAL_MM: f64 = 1.0;
 const MOST_RESIDUAL_MM: f64 = 255.0;
-/// Cameras that a point has room for.
+/// Maximum number of cameras per point.
 const MOST_CAMERAS: u32 = 7;
 
 /// Writes one person.
@@ -54,10 +56,10 @@ pub struct C3dWriter<'a, W> {
 }
 
 impl<'a, W: Write> C3dWriter<'a, W> {
-    /// Writes the head and the parameters.
+    /// Writes the header and the parameters.
     ///
     /// # Errors
-    /// Those of `out`; more points or frames than the format has room for.
+    /// Errors of `out`; more points or frames than the format supports.
     pub fn new(mut out: W, subject: Subject<'a>) -> io::Result<Self> {
         let axes = subject.options.preset.map_or(DEFAULT_AXES, Axes::of_points);
         let is_marker = determined(subject.keypoints);
@@ -72,7 +74,7 @@ impl<'a, W: Write> C3dWriter<'a, W> {
         }
         let n_frames = u32::try_from(subject.clock.n_frames())
             .map_err(|_| refused("more frames than a C3D file can count"))?;
-        // The number of blocks is written in the parameters, which it does not change the size of.
+        // The parameters contain the number of blocks, which does not change their size.
         let blocks = parameters_of(&subject, &labels, axes, n_frames, 0)?.len() / BLOCK;
         let data_start = u16::from(PARAMETER_START) + blocks as u16;
         let parameters = parameters_of(&subject, &labels, axes, n_frames, data_start)?;
@@ -96,7 +98,7 @@ impl<'a, W: Write> C3dWriter<'a, W> {
     /// Writes a frame.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn frame(&mut self, frame: &Frame) -> io::Result<()> {
         let found = frame.pose.as_ref().map(|(sample, origin)| {
             let all = points(sample, self.subject.options.rest, self.subject.keypoints);
@@ -120,19 +122,19 @@ impl<'a, W: Write> C3dWriter<'a, W> {
     /// Fills the last block.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn finish(mut self) -> io::Result<()> {
         let missing = self.bytes.next_multiple_of(BLOCK) - self.bytes;
         self.out.write_all(&vec![0; missing])
     }
 
-    /// Place, and cameras and residual, of a point.
+    /// Position, and cameras with residual, of a point.
     fn numbers(&self, point: Option<Point>, origin: Origin, views: u32) -> [f32; 4] {
         let Some(point) = point else {
             return [0.0, 0.0, 0.0, -1.0];
         };
         let [x, y, z]: [f64; 3] = self.axes.point(&point.at_m).into();
-        let told = match origin {
+        let cameras_and_residual = match origin {
             Origin::Filled => 0.0,
             Origin::Seen => {
                 let cameras = (1_u32 << views.min(MOST_CAMERAS)) - 1;
@@ -141,11 +143,11 @@ impl<'a, W: Write> C3dWriter<'a, W> {
                 f64::from(cameras * 256) + residual_mm
             }
         };
-        [x, y, z, told].map(|v| v as f32)
+        [x, y, z, cameras_and_residual].map(|v| v as f32)
     }
 }
 
-/// A millimetre in `unit`, of which residuals are multiples; below 0, which stands for floating-point data.
+/// A millimetre in `unit`, the step of residuals; negative, which marks floating-point data.
 fn scale(unit: Unit) -> f32 {
     (-unit.per_metre() / 1000.0) as f32
 }
@@ -159,7 +161,7 @@ fn head(n_points: u16, n_frames: u32, data_start: u16, scale: f32, rate_hz: f64)
     words[4] = u16::try_from(n_frames).unwrap_or(u16::MAX);
     (words[6], words[7]) = halves(scale.to_bits());
     words[8] = data_start;
-    // One analogue sample of each of no channels per frame: readers compare it with ANALOG:RATE.
+    // One analogue sample per frame of zero channels; readers compare it with ANALOG:RATE.
     words[9] = 1;
     (words[10], words[11]) = halves((rate_hz as f32).to_bits());
     words[149] = LABELS_OF_FOUR;
@@ -194,7 +196,7 @@ fn parameters_of(
     p.float("SCALE", scale(axes.unit))?;
     p.float("RATE", clock.rate_hz as f32)?;
     p.integer("DATA_START", data_start)?;
-    // A whole number ends at 65535: readers then take TRIAL's fields, or read on to the end.
+    // An integer ends at 65535; beyond it readers use TRIAL's fields, or read to the end.
     p.integer("FRAMES", u16::try_from(n_frames).unwrap_or(u16::MAX))?;
     p.texts("LABELS", labels)?;
     p.texts("DESCRIPTIONS", labels)?;
@@ -224,7 +226,7 @@ fn parameters_of(
     p.into_blocks()
 }
 
-/// What the format has no room for.
+/// An error for content that the format does not support.
 fn refused(problem: impl Into<String>) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, problem.into())
 }

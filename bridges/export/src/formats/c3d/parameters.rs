@@ -5,17 +5,17 @@ use std::io;
 use super::BLOCK;
 use crate::target_names::C3D_BYTES;
 
-/// Intel's byte order and floating-point numbers.
+/// Intel byte order and floating-point numbers.
 const INTEL: u8 = 84;
 
-/// Parameters, gathered.
+/// Collected parameters.
 #[derive(Debug, Default)]
 pub(super) struct Parameters {
     bytes: Vec<u8>,
     groups: u8,
 }
 
-/// What the values of a parameter are.
+/// Type of a parameter.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     Text = -1,
@@ -24,37 +24,37 @@ enum Kind {
 }
 
 impl Parameters {
-    /// Begins a group; what follows is in it.
+    /// Starts a group for the following parameters.
     pub(super) fn group(&mut self, name: &str) {
         self.groups += 1;
         self.head(name, 0_u8.wrapping_sub(self.groups));
-        // To the next: these two bytes, and a description of length 0.
+        // Offset to the next item: these two bytes, and an empty description.
         self.bytes.extend(3_u16.to_le_bytes());
         self.bytes.push(0);
     }
 
-    /// Adds one whole number.
+    /// Adds an integer.
     pub(super) fn integer(&mut self, name: &str, value: u16) -> io::Result<()> {
         self.value(name, Kind::Integer, &[], &value.to_le_bytes())
     }
 
-    /// Adds a list of whole numbers.
+    /// Adds a list of integers.
     pub(super) fn list(&mut self, name: &str, values: &[u16]) -> io::Result<()> {
         let data: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         self.value(name, Kind::Integer, &[values.len()], &data)
     }
 
-    /// Adds one real number.
+    /// Adds a real number.
     pub(super) fn float(&mut self, name: &str, value: f32) -> io::Result<()> {
         self.value(name, Kind::Float, &[], &value.to_le_bytes())
     }
 
-    /// Adds one text.
+    /// Adds a text.
     pub(super) fn text(&mut self, name: &str, text: &str) -> io::Result<()> {
         self.value(name, Kind::Text, &[text.len()], text.as_bytes())
     }
 
-    /// Adds a list of texts, filled with spaces to the longest.
+    /// Adds a list of texts, padded with spaces to the longest.
     pub(super) fn texts(&mut self, name: &str, texts: &[String]) -> io::Result<()> {
         let longest = texts.iter().map(String::len).max().unwrap_or(0).max(1);
         let mut data = Vec::new();
@@ -65,7 +65,7 @@ impl Parameters {
         self.value(name, Kind::Text, &[longest, texts.len()], &data)
     }
 
-    /// The section: whole blocks.
+    /// The section in whole blocks.
     pub(super) fn into_blocks(self) -> io::Result<Vec<u8>> {
         let mut bytes = vec![1, super::KEY, 0, INTEL];
         bytes.extend(self.bytes);
@@ -105,7 +105,8 @@ impl Parameters {
             return Err(too_long());
         }
         self.head(name, self.groups);
-        // To the next: these two bytes, kind, number of dimensions, dimensions, data, a description of length 0.
+        // Offset to the next item: these two bytes, type, number of dimensions, dimensions, data,
+        // empty description.
         let size =
             u16::try_from(2 + 2 + dimensions.len() + data.len() + 1).map_err(|_| too_long())?;
         self.bytes.extend(size.to_le_bytes());

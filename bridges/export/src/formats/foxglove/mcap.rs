@@ -1,4 +1,4 @@
-//! MCAP: the messages of a run in one file, a moment at a time, whatever its length in constant memory.
+//! MCAP: the messages of a run in one file, one moment at a time, in constant memory.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -13,24 +13,24 @@ use super::{
     calibration_topic, camera_calibration, camera_frames, people, person_frames,
 };
 
-/// Bytes after which a chunk is finished: what a reader loads at once.
+/// Size at which a chunk is finished, bytes; readers load a chunk at once.
 const CHUNK_BYTES: u64 = 1 << 20;
-/// Least time after which who is not said again is not drawn any more, seconds, and in frames.
+/// Minimum lifetime of a drawn person that is not updated, seconds and frames.
 const LIFETIME_S: f64 = 1.0;
 const LIFETIME_FRAMES: f64 = 2.0;
 
-/// Writes poses as an MCAP file that Foxglove shows.
+/// Writes poses as an MCAP file for Foxglove.
 pub struct FoxgloveWriter<W: Write> {
     file: Writer<NoSeek<W>>,
     people: Open,
     frames: Open,
     angles: BTreeMap<u32, Open>,
-    /// Who was there at the moment before.
-    there: Vec<u32>,
+    /// People present at the previous moment.
+    present: Vec<u32>,
     lifetime_s: f64,
 }
 
-/// A channel under way.
+/// An open channel.
 #[derive(Debug)]
 struct Open {
     id: u16,
@@ -38,10 +38,11 @@ struct Open {
 }
 
 impl<W: Write> FoxgloveWriter<W> {
-    /// Begins the file of these persons' frames, `rate_hz` a second, the first at `start`; `cameras` are told once, at `start`.
+    /// Starts the file with the frames of these people at `rate_hz`, the first at `start`;
+    /// `cameras` are written once, at `start`.
     ///
     /// # Errors
-    /// Those of `out`; more persons than a file has channels for.
+    /// Errors of `out`; more people than a file has channels.
     pub fn new<'a>(
         out: W,
         persons: impl IntoIterator<Item = u32>,
@@ -79,21 +80,21 @@ impl<W: Write> FoxgloveWriter<W> {
             people,
             frames,
             angles: by_person,
-            there: Vec::new(),
+            present: Vec::new(),
             lifetime_s: LIFETIME_S.max(LIFETIME_FRAMES / rate_hz),
         })
     }
 
-    /// Writes a moment, later than the last: everybody who is there.
+    /// Writes a moment, later than the previous one, with all present people.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn moment(&mut self, stamp: Stamp, tick: i64, bodies: &[Body<'_>]) -> io::Result<()> {
-        let there: Vec<u32> = bodies.iter().map(|body| body.id).collect();
-        let before = std::mem::replace(&mut self.there, there);
+        let present: Vec<u32> = bodies.iter().map(|body| body.id).collect();
+        let before = std::mem::replace(&mut self.present, present);
         let gone: Vec<u32> = before
             .into_iter()
-            .filter(|id| !self.there.contains(id))
+            .filter(|id| !self.present.contains(id))
             .collect();
         if bodies.is_empty() && gone.is_empty() {
             return Ok(());
@@ -110,10 +111,10 @@ impl<W: Write> FoxgloveWriter<W> {
         Ok(())
     }
 
-    /// Writes index and end.
+    /// Writes the index and the end.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the writer.
     pub fn finish(mut self) -> io::Result<()> {
         self.file.finish().map_err(io_error)?;
         self.file.into_inner().into_inner().flush()
@@ -122,7 +123,7 @@ impl<W: Write> FoxgloveWriter<W> {
 
 fn open<W: Write>(file: &mut Writer<NoSeek<W>>, topic: &str, content: Content) -> io::Result<Open> {
     let schema = content.schema();
-    // The same schema gets the same number.
+    // Equal schemas get the same id.
     let schema = file.add_schema(&schema.name, &schema.encoding, &schema.data);
     let schema = schema.map_err(io_error)?;
     let id = file.add_channel(schema, topic, content.encoding(), &BTreeMap::new());
@@ -164,7 +165,7 @@ mod tests {
     use crate::fixture::{line_at, sample_at};
     use crate::skeleton::{Bone, RestPose};
 
-    /// Topics, times in nanoseconds and schemas of what is in a file.
+    /// Topics, times in nanoseconds and schemas of the messages in a file.
     fn read(bytes: &[u8]) -> Vec<(String, u64, String)> {
         let messages = ::mcap::MessageStream::new(bytes).unwrap();
         let read = messages.map(|message| {
@@ -176,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn who_leaves_is_said_to_be_gone_once() {
+    fn people_who_leave_are_deleted_once() {
         let (sample, line) = (sample_at(0.5), line_at(4, 30));
         let joints_m = sample.joints_m(RestPose::TPose);
         let body = Body {
@@ -199,8 +200,9 @@ mod tests {
         writer.finish().unwrap();
         let read = read(&bytes);
         let times = |topic: &str| {
-            let of = read.iter().filter(|(found, ..)| found == topic);
-            of.map(|(_, time, _)| time / 1_000_000_000)
+            let matching = read.iter().filter(|(found, ..)| found == topic);
+            matching
+                .map(|(_, time, _)| time / 1_000_000_000)
                 .collect::<Vec<_>>()
         };
         assert_eq!(times(PEOPLE_TOPIC), [0, 1, 2, 4]);

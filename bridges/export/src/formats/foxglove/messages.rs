@@ -1,6 +1,11 @@
-//! Foxglove's own messages: bodies, frames, cameras.
+//! Messages: bodies, frames and cameras in Foxglove's schemas; angles as JSON, so that a plot can
+//! select a field: `/person_1/angles.angles_deg.knee_angle_l`.
 
+use std::fmt::Write as _;
+
+use farfield_fusion::body::skeleton::ANGLE_NAMES;
 use farfield_fusion::body::skeleton::Joint;
+use farfield_fusion::body::skeleton::angles::is_translation;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::message::PersonState;
 use foxglove::Encode;
@@ -12,19 +17,21 @@ use foxglove::messages::{
     SpherePrimitive, TextPrimitive, Timestamp, Vector3 as FoxgloveVector,
 };
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::ser::SerializeMap as _;
+use serde::{Serialize, Serializer};
 
 use super::{Body, Stamp, WORLD, camera_frame, person_frame};
 
-/// How thick limbs are drawn, metres.
+/// Width of drawn limbs, metres.
 const LIMB_M: f64 = 0.05;
-/// Diameter of the head that is drawn, metres.
+/// Diameter of the drawn head, metres.
 const HEAD_M: f64 = 0.2;
-/// Height of the letters, and how far they float above the head, metres.
+/// Height of the text, and its distance above the head, metres.
 const TEXT_M: f64 = 0.15;
 const ABOVE_M: f64 = 0.3;
-/// How solid somebody is drawn whom nobody saw at this moment, or who is not confirmed yet.
+/// Opacity of people who are unseen at this moment or not confirmed yet.
 const FAINT: f64 = 0.4;
-/// Colours that colour-blind people can tell apart (Okabe and Ito), without the black; by id.
+/// Colours that colour-blind people can distinguish (Okabe and Ito), without black; by id.
 const COLOURS: [[u8; 3]; 7] = [
     [86, 180, 233],
     [230, 159, 0],
@@ -35,8 +42,8 @@ const COLOURS: [[u8; 3]; 7] = [
     [0, 114, 178],
 ];
 
-/// `foxglove.SceneUpdate`: who is there, and that those of `gone` are not any more. Who is not said again goes after
-/// `lifetime_s`, seconds.
+/// `foxglove.SceneUpdate`: the present people, and deletions for those in `gone`. People that are
+/// not updated disappear after `lifetime_s`, seconds.
 pub fn people(stamp: Stamp, bodies: &[Body<'_>], gone: &[u32], lifetime_s: f64) -> Vec<u8> {
     bytes_of(&SceneUpdate {
         deletions: gone
@@ -54,7 +61,7 @@ pub fn people(stamp: Stamp, bodies: &[Body<'_>], gone: &[u32], lifetime_s: f64) 
     })
 }
 
-/// `foxglove.FrameTransforms`: where everybody's pelvis is, and how it is turned.
+/// `foxglove.FrameTransforms`: position and rotation of every pelvis.
 pub fn person_frames(stamp: Stamp, bodies: &[Body<'_>]) -> Vec<u8> {
     let frame = |body: &Body<'_>| {
         let at_m = &body.joints_m[Joint::Pelvis.index()];
@@ -65,7 +72,7 @@ pub fn person_frames(stamp: Stamp, bodies: &[Body<'_>]) -> Vec<u8> {
     })
 }
 
-/// `foxglove.FrameTransforms`: where the cameras stand.
+/// `foxglove.FrameTransforms`: positions and rotations of the cameras.
 pub fn camera_frames<'a>(
     stamp: Stamp,
     cameras: impl IntoIterator<Item = &'a CameraModel>,
@@ -84,7 +91,7 @@ pub fn camera_frames<'a>(
 /// `foxglove.CameraCalibration`.
 pub fn camera_calibration(stamp: Stamp, camera: &CameraModel) -> Vec<u8> {
     let i = camera.intrinsics();
-    // ROS calls p1 and p2 what OpenCV does; the order of all three models is OpenCV's, too.
+    // In ROS, p1 and p2 mean the same as in OpenCV; all three models use OpenCV's order too.
     let coefficients = camera.lens().coefficients();
     let distortion_model = match coefficients.len() {
         _ if camera.lens().is_fisheye() => "kannala_brandt",
@@ -212,7 +219,7 @@ fn transform(
 fn timestamp(stamp: Stamp) -> Timestamp {
     let secs = stamp.nanos / 1_000_000_000;
     let nanos = stamp.nanos % 1_000_000_000;
-    // Until 2106.
+    // Valid until 2106.
     let secs = u32::try_from(secs).unwrap_or(u32::MAX);
     Timestamp::new(secs, nanos as u32)
 }
@@ -225,7 +232,7 @@ fn vector(v: &Vector3<f64>) -> FoxgloveVector {
     }
 }
 
-/// There, not turned.
+/// At that position, without rotation.
 fn pose(at_m: &Vector3<f64>) -> Pose {
     Pose {
         position: Some(vector(at_m)),
@@ -241,10 +248,96 @@ fn pose(at_m: &Vector3<f64>) -> Pose {
 fn bytes_of<M: Encode>(message: &M) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(message.encoded_len().unwrap_or_default());
     if message.encode(&mut bytes).is_err() {
-        // Encoding fails where there is no room; here there always is.
+        // Encoding only fails without room, and there always is.
         bytes.clear();
     }
     bytes
+}
+
+pub(super) const SCHEMA_NAME: &str = "farfield.Angles";
+
+/// Schema of the messages of [`angles`]. Foxglove supports only plain types: no unions, no
+/// references.
+pub(super) fn schema() -> String {
+    let mut degrees = String::new();
+    for (i, name) in ANGLE_NAMES.iter().enumerate() {
+        if !is_translation(i) {
+            let comma = if degrees.is_empty() { "" } else { "," };
+            // Writing to a string cannot fail.
+            write!(degrees, r#"{comma}"{name}":{{"type":"number"}}"#).ok();
+        }
+    }
+    format!(
+        r#"{{"title":"{SCHEMA_NAME}","type":"object","properties":{{
+"tick":{{"type":"integer","description":"Tick of the venue's clock"}},
+"name":{{"type":"string","description":"What the person is called"}},
+"state":{{"type":"string","description":"tentative, tracked or coasting"}},
+"views":{{"type":"integer","description":"Viewpoints that gave evidence"}},
+"pelvis_m":{{"type":"object","description":"Pelvis in the world, metres, z up","properties":{{"x":{{"type":"number"}},"y":{{"type":"number"}},"z":{{"type":"number"}}}}}},
+"angles_deg":{{"type":"object","description":"Degrees in OpenSim's sense; what only a prior tells is left out","properties":{{{degrees}}}}}
+}}}}"#
+    )
+}
+
+#[derive(Serialize)]
+struct Message<'a> {
+    tick: i64,
+    name: &'a str,
+    state: farfield_proto::message::PersonState,
+    views: u32,
+    pelvis_m: Place,
+    angles_deg: Degrees<'a>,
+}
+
+#[derive(Serialize)]
+struct Place {
+    x: Rounded<100_000>,
+    y: Rounded<100_000>,
+    z: Rounded<100_000>,
+}
+
+/// A number rounded to 1/`PARTS`.
+struct Rounded<const PARTS: u32>(f64);
+
+impl<const PARTS: u32> Serialize for Rounded<PARTS> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let parts = f64::from(PARTS);
+        to.serialize_f64((self.0 * parts).round() / parts)
+    }
+}
+
+struct Degrees<'a>(&'a Body<'a>);
+
+impl Serialize for Degrees<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let Self(body) = self;
+        let mut map = to.serialize_map(None)?;
+        for (i, (name, angle)) in ANGLE_NAMES.iter().zip(body.angles).enumerate() {
+            if !is_translation(i) && body.unobserved >> i & 1 == 0 {
+                map.serialize_entry(name, &Rounded::<10_000>(angle.to_degrees()))?;
+            }
+        }
+        map.end()
+    }
+}
+
+/// A person's angles at a tick.
+pub fn angles(tick: i64, body: &Body<'_>) -> Vec<u8> {
+    let at_m = body.joints_m[Joint::Pelvis.index()];
+    let message = Message {
+        tick,
+        name: body.name,
+        state: body.state,
+        views: body.views,
+        pelvis_m: Place {
+            x: Rounded(at_m.x),
+            y: Rounded(at_m.y),
+            z: Rounded(at_m.z),
+        },
+        angles_deg: Degrees(body),
+    };
+    // Numbers and strings under string keys cannot fail.
+    serde_json::to_vec(&message).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -255,7 +348,7 @@ mod tests {
     use crate::fixture::camera;
 
     #[test]
-    fn every_lens_has_the_name_that_foxglove_has_for_its_model() {
+    fn lens_models_have_foxglove_names() {
         let plain = camera();
         let fisheye = CameraModel::new(
             "corner",

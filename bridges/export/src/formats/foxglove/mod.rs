@@ -1,20 +1,19 @@
-//! Foxglove: what its program, and Lichtblick, show without a plug-in; one set of messages for files and live streams.
+//! Foxglove and Lichtblick without a plug-in; the same messages for files and live streams.
 //!
-//! | topic | schema | what |
+//! | topic | schema | content |
 //! | --- | --- | --- |
-//! | [`PEOPLE_TOPIC`] | `foxglove.SceneUpdate` | everybody as lines from joint to joint, a head, a name |
-//! | [`FRAMES_TOPIC`] | `foxglove.FrameTransforms` | `world` to `person_<id>`: everybody's pelvis |
+//! | [`PEOPLE_TOPIC`] | `foxglove.SceneUpdate` | all people as lines between joints, a head, a name |
+//! | [`FRAMES_TOPIC`] | `foxglove.FrameTransforms` | `world` to `person_<id>`: the pelvis of every person |
 //! | [`CAMERA_FRAMES_TOPIC`] | `foxglove.FrameTransforms` | `world` to `camera_<name>` |
 //! | [`calibration_topic`] | `foxglove.CameraCalibration` | lens and size of a camera |
-//! | [`angles_topic`] | `farfield.Angles`, JSON | a person's angles, to be plotted |
+//! | [`angles_topic`] | `farfield.Angles`, JSON | a person's angles, for plots |
 //!
-//! Foxglove's own messages are protobuf, with the schemas that it publishes (crate `foxglove`): a body takes about
-//! half of what it does as JSON. Angles are JSON, whose fields a plot names. Metres, z up, right-handed; degrees in plots, and in
-//! messages quaternions.
+//! Foxglove's own messages are protobuf with its published schemas (crate `foxglove`); a body takes
+//! about half the size of JSON. Angles are JSON, so that plots can select fields. Metres, z up,
+//! right-handed; degrees in plots, quaternions in messages.
 //!
 //! Source: <https://docs.foxglove.dev/docs/sdk/schemas>, <https://mcap.dev/spec/registry>.
 
-mod angles;
 mod mcap;
 mod messages;
 
@@ -26,9 +25,8 @@ use foxglove::Encode;
 use foxglove::messages::{CameraCalibration, FrameTransforms, SceneUpdate};
 use nalgebra::{UnitQuaternion, Vector3};
 
-pub use angles::angles;
 pub use mcap::FoxgloveWriter;
-pub use messages::{camera_calibration, camera_frames, people, person_frames};
+pub use messages::{angles, camera_calibration, camera_frames, people, person_frames};
 
 use crate::skeleton::Angles;
 
@@ -36,7 +34,7 @@ use crate::skeleton::Angles;
 pub const PEOPLE_TOPIC: &str = "/people";
 /// Topic of the frames of persons.
 pub const FRAMES_TOPIC: &str = "/tf";
-/// Topic of the frames of cameras, which stand still.
+/// Topic of the frames of cameras, which do not move.
 pub const CAMERA_FRAMES_TOPIC: &str = "/tf_static";
 /// The frame of the venue's world.
 pub const WORLD: &str = "world";
@@ -69,9 +67,9 @@ pub struct Stamp {
 }
 
 impl Stamp {
-    /// The time that lies `seconds` after zero; what lies before it is zero.
+    /// The time `seconds` after zero; negative times become zero.
     pub fn from_seconds(seconds: f64) -> Self {
-        // A cast keeps within the range of u64.
+        // The cast saturates.
         Self {
             nanos: (seconds * 1e9).round() as u64,
         }
@@ -81,25 +79,25 @@ impl Stamp {
 /// A person at a moment.
 #[derive(Debug, Clone, Copy)]
 pub struct Body<'a> {
-    /// Id.
+    /// The id.
     pub id: u32,
-    /// What the person is called.
+    /// The name.
     pub name: &'a str,
     /// Phase of the track.
     pub state: PersonState,
-    /// Viewpoints that gave evidence.
+    /// Number of viewpoints with evidence.
     pub views: u32,
     /// The 29 joints in the world, metres.
     pub joints_m: &'a [Vector3<f64>; N_JOINTS],
-    /// How the pelvis is turned in the world.
+    /// Rotation of the pelvis in the world.
     pub pelvis: &'a UnitQuaternion<f64>,
-    /// The 40 reported angles, radians (root translations: metres).
+    /// The 40 reported angles, radians (metres for root translations).
     pub angles: &'a Angles,
-    /// Bit i: only a prior tells angle i.
+    /// Bit i: angle i comes from a prior only.
     pub unobserved: u64,
 }
 
-/// What a channel carries.
+/// Content of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
     /// [`people`].
@@ -112,7 +110,7 @@ pub enum Content {
     Angles,
 }
 
-/// A schema as readers want it.
+/// A schema for readers.
 #[derive(Debug, Clone)]
 pub struct Schema {
     /// Its name.
@@ -124,7 +122,7 @@ pub struct Schema {
 }
 
 impl Content {
-    /// How messages are encoded.
+    /// Encoding of the messages.
     pub const fn encoding(self) -> &'static str {
         match self {
             Self::Angles => "json",
@@ -132,23 +130,23 @@ impl Content {
         }
     }
 
-    /// What is in them.
+    /// Schema of the messages.
     pub fn schema(self) -> Schema {
         match self {
             Self::People => published::<SceneUpdate>(),
             Self::Frames => published::<FrameTransforms>(),
             Self::Calibration => published::<CameraCalibration>(),
             Self::Angles => Schema {
-                name: angles::SCHEMA_NAME.to_owned(),
+                name: messages::SCHEMA_NAME.to_owned(),
                 encoding: "jsonschema".to_owned(),
-                data: angles::schema().into_bytes().into(),
+                data: messages::schema().into_bytes().into(),
             },
         }
     }
 }
 
 fn published<M: Encode>() -> Schema {
-    // Each of Foxglove's own messages has one.
+    // All of Foxglove's own messages have a schema.
     let schema = M::get_schema().unwrap_or_else(|| foxglove::Schema::new("", "", &[]));
     Schema {
         name: schema.name,

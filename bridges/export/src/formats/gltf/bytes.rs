@@ -1,4 +1,4 @@
-//! The buffer of a file, and the accessors that say what lies where in it.
+//! The buffer of a file, and the accessors that describe its content.
 
 use gltf_json as json;
 use json::accessor::{ComponentType, GenericComponentType, Type};
@@ -9,22 +9,22 @@ use json::validation::Checked::Valid;
 #[derive(Debug, Default)]
 pub(super) struct Bytes(Vec<u8>);
 
-/// What the numbers of an accessor are together.
+/// Type of the values of an accessor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Shape {
-    /// Each for itself: seconds, with their least and greatest.
+    /// Single seconds, with minimum and maximum.
     Times,
-    /// Three.
+    /// Three numbers.
     Vec3,
-    /// Three, of vertices, with their least and greatest.
+    /// Three numbers per vertex, with minimum and maximum.
     Positions,
-    /// Three, of vertices.
+    /// Three numbers per vertex.
     Normals,
-    /// Four.
+    /// Four numbers.
     Vec4,
-    /// Four, of vertices.
+    /// Four numbers per vertex.
     Weights,
-    /// Sixteen.
+    /// Sixteen numbers.
     Mat4,
 }
 
@@ -60,8 +60,8 @@ impl Bytes {
     ) -> json::Index<json::Accessor> {
         let n = shape.kind().multiplicity();
         let bound = |pick: fn(f32, f32) -> f32| {
-            let of = |k: usize| values.iter().skip(k).step_by(n).copied().reduce(pick);
-            let all: Vec<f32> = (0..n).filter_map(of).collect();
+            let component_of = |k: usize| values.iter().skip(k).step_by(n).copied().reduce(pick);
+            let all: Vec<f32> = (0..n).filter_map(component_of).collect();
             shape.has_bounds().then(|| json::Value::from(all))
         };
         let (min, max) = (bound(f32::min), bound(f32::max));
@@ -110,7 +110,7 @@ impl Bytes {
         self.push(root, &data, &layout)
     }
 
-    /// All of it, a multiple of four bytes.
+    /// All data, a multiple of four bytes.
     pub(super) fn into_data(self) -> Vec<u8> {
         self.0
     }
@@ -151,7 +151,7 @@ impl Bytes {
     }
 }
 
-/// How data is read.
+/// Layout of data in the buffer.
 struct Layout {
     count: usize,
     component: ComponentType,

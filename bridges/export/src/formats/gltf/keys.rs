@@ -14,20 +14,20 @@ use crate::skeleton::{Bone, N_BONES};
 use crate::subject::Subject;
 use crate::timeline::{Frame, Origin};
 
-/// Keys, a track per bone.
+/// Keys, one track per bone.
 #[derive(Debug)]
 pub(super) struct Keys {
     times_s: Vec<f32>,
     root_m: Vec<f32>,
     rotations: [Vec<f32>; N_BONES],
-    /// Where bones begin, from their parents, if lengths change.
+    /// Offsets of the bones from their parents, if lengths change.
     offsets_m: Option<[Vec<f32>; N_BONES]>,
-    /// The quaternions before, whose side of the sphere is kept.
+    /// The previous quaternions, for consistent signs.
     before: [UnitQuaternion<f64>; N_BONES],
     last: Option<Sample>,
-    /// When the person is absent, from first frame to last.
+    /// Times when the person is absent, first and last frame.
     pub(super) absent_s: Vec<[f64; 2]>,
-    /// And filled.
+    /// Times when the person is filled.
     pub(super) filled_s: Vec<[f64; 2]>,
     previous: Presence,
 }
@@ -56,7 +56,7 @@ impl Keys {
     }
 
     pub(super) fn push(&mut self, frame: &Frame, subject: &Subject<'_>) {
-        // Since the first exported tick: near 0 f32 has room for it.
+        // Relative to the first exported tick: f32 is precise near 0.
         let time_s = frame.index as f64 / subject.clock.rate_hz;
         let presence = match &frame.pose {
             None => Presence::Absent,
@@ -78,7 +78,7 @@ impl Keys {
             if self.previous == Presence::Absent
                 && let (Some(held), Some(span)) = (self.last.take(), self.absent_s.last().copied())
             {
-                // To the last frame of the gap the pose before it is held.
+                // The last pose is held until the last frame of the gap.
                 self.push_key(&held, span[1], subject);
             }
             self.push_key(sample, time_s, subject);
@@ -92,7 +92,7 @@ impl Keys {
         self.root_m.extend(single(&sample.motion.root_m));
         for (i, (track, before)) in self.rotations.iter_mut().zip(&mut self.before).enumerate() {
             let mut turned = AXES.rotation(&sample.motion.rotations[i]);
-            // q and -q are the same rotation; the sphere is left by neither.
+            // q and -q are the same rotation; keep the sign consistent.
             if turned.coords.dot(&before.coords) < 0.0 {
                 turned = UnitQuaternion::new_unchecked(-turned.into_inner());
             }
@@ -124,7 +124,7 @@ impl Keys {
         });
         if let Some(time_s) = apart {
             return Err(io::Error::other(format!(
-                "frames at {time_s} s cannot be told apart in glTF: export a shorter stretch of ticks"
+                "frames at {time_s} s are too late to be distinguished in glTF: export fewer ticks"
             )));
         }
         let times = bytes.push_floats(root, &self.times_s, Shape::Times);

@@ -1,13 +1,13 @@
-//! glTF 2.0: all people in one file, each a skeleton with a stick body skinned to it, and one animation.
+//! glTF 2.0: all people in one file, each a skeleton with a skinned stick body, and one animation.
 //!
-//! Metres, y up, facing +z, whatever the preset: the format knows nothing else. Rest rotations are the identity and rest
-//! scales 1; quaternions keep their sign from key to key. Time 0 is the first exported tick, and
-//! `start_s` in a person's `extras` its time since the run's first. Where a person is absent
-//! there are no keys but the one that holds the last pose to the end of the gap; who is absent or filled when stands
-//! in the person's `extras`.
+//! Metres, y up, facing +z, independent of the preset, since the format allows nothing else. Rest
+//! rotations are the identity and rest scales 1; quaternions have consistent signs from key to key.
+//! Time 0 is the first exported tick; `start_s` in a person's `extras` is its time since the run's
+//! first tick. While a person is absent there are no keys except the one that holds the last pose
+//! to the end of the gap. The person's `extras` list absent and filled times.
 //!
-//! The format wants every track in one piece, so that all keys are held in memory until the end: about 300 bytes a frame
-//! and person.
+//! The format stores every track in one piece, so all keys stay in memory until the end: about 300
+//! bytes per frame and person.
 
 mod bytes;
 mod keys;
@@ -35,20 +35,20 @@ const AXES: Axes = Axes {
 };
 /// First word of a binary file: "glTF".
 const MAGIC: u32 = 0x4654_6C67;
-/// Its pieces: JSON, and the buffer.
+/// Its chunks: JSON, and the buffer.
 const CHUNK_JSON: u32 = 0x4E4F_534A;
 const CHUNK_BIN: u32 = 0x004E_4942;
 
-/// How the file is put together.
+/// Container of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Container {
     /// One binary file.
     Binary,
-    /// JSON with the data in it.
+    /// JSON with embedded data.
     Json,
 }
 
-/// Gathers all people.
+/// Collects all people.
 #[derive(Debug)]
 pub struct GltfWriter {
     root: json::Root,
@@ -57,7 +57,7 @@ pub struct GltfWriter {
     scene: Vec<json::Index<json::Node>>,
 }
 
-/// Gathers one person's frames.
+/// Collects one person's frames.
 #[derive(Debug)]
 pub struct GltfPerson<'a> {
     subject: Subject<'a>,
@@ -73,7 +73,7 @@ impl<'a> GltfPerson<'a> {
         }
     }
 
-    /// Takes a frame.
+    /// Adds a frame.
     pub fn frame(&mut self, frame: &Frame) {
         self.keys.push(frame, &self.subject);
     }
@@ -107,7 +107,7 @@ impl GltfWriter {
     /// Adds a person with all frames.
     ///
     /// # Errors
-    /// A time that f32 cannot tell from the one before: days after the first frame.
+    /// If two times are equal as f32, which happens days after the first frame.
     pub fn add(&mut self, person: GltfPerson<'_>) -> io::Result<()> {
         let GltfPerson { subject, keys } = person;
         let rig = subject.rig();
@@ -121,7 +121,8 @@ impl GltfWriter {
         });
         let skin = self.push_skin(&rig, &hips_m, &joints, armature, subject.name);
         let mesh = stick_body::push(&mut self.root, &mut self.bytes, &rig, &hips_m, subject.name);
-        // At the scene's root: a skinned mesh is not moved by the nodes above it, and readers warn of such.
+        // At the scene's root: parent nodes do not move a skinned mesh, and readers warn about
+        // them.
         let body = self.root.push(json::Node {
             name: Some(format!("body_{}", subject.name)),
             mesh: Some(mesh),
@@ -137,7 +138,7 @@ impl GltfWriter {
         )
     }
 
-    /// Nodes of all bones, in their order.
+    /// Nodes of all bones, in order.
     fn push_bones(
         &mut self,
         rig: &Rig,
@@ -171,7 +172,8 @@ impl GltfWriter {
         armature: json::Index<json::Node>,
         name: &str,
     ) -> json::Index<json::Skin> {
-        // Bones do not turn at rest: what undoes their rest is a translation. Matrices are stored by column.
+        // Bones have no rest rotation, so the inverse of their rest is a translation. Matrices are
+        // stored by column.
         let heads_m = rig.rest_heads_m();
         let inverse = heads_m.iter().flat_map(|head_m| {
             let [x, y, z] = single(&-(head_m + hips_m));
@@ -196,7 +198,7 @@ impl GltfWriter {
     /// Writes the file.
     ///
     /// # Errors
-    /// Those of `out`, and more bytes than the format has room for (4 GiB).
+    /// Errors of `out`, and more than 4 GiB, the limit of the format.
     pub fn finish(mut self, mut out: impl Write, container: Container) -> io::Result<()> {
         let scene = self.root.push(json::Scene {
             extensions: None,
@@ -244,14 +246,14 @@ impl GltfWriter {
     }
 }
 
-/// A point in metres of our axes, in those of the file.
+/// Converts a point from metres in our axes to the file's axes.
 fn single(ours_m: &Vector3<f64>) -> [f32; 3] {
-    // Adding 0 takes the sign off a zero.
+    // Adding 0 removes the sign of a zero.
     let [x, y, z]: [f64; 3] = AXES.point(ours_m).into();
     [x, y, z].map(|v| v as f32 + 0.0)
 }
 
-/// Who it is, and when the person is absent or filled.
+/// Id, name, and the times when the person is absent or filled.
 fn extras(subject: &Subject<'_>, keys: &Keys) -> io::Result<json::Extras> {
     let value = serde_json::json!({
         "person": subject.id,
@@ -264,7 +266,7 @@ fn extras(subject: &Subject<'_>, keys: &Keys) -> io::Result<json::Extras> {
     Ok(Some(serde_json::value::to_raw_value(&value)?))
 }
 
-/// A channel of `animation` that moves `node`.
+/// Adds a channel of `animation` that moves `node`.
 fn push_channel(
     animation: &mut json::Animation,
     node: json::Index<json::Node>,

@@ -1,4 +1,4 @@
-//! A body that shows the skeleton: a spindle along every bone, each moved by that bone alone.
+//! A body that shows the skeleton: one spindle per bone, moved by that bone only.
 
 use std::collections::BTreeMap;
 
@@ -11,9 +11,9 @@ use super::bytes::{Bytes, Shape};
 use super::single;
 use crate::skeleton::{Bone, Rig};
 
-/// Where a spindle is thickest, as a share of its length.
+/// Position of a spindle's widest part, as a share of its length.
 const WAIST: f64 = 0.2;
-/// How thick it is, as a share of its length, and at most, metres.
+/// Width as a share of the length, and its maximum, metres.
 const THICKNESS: f64 = 0.12;
 const THICKEST_M: f64 = 0.035;
 /// Shorter bones are not drawn, metres.
@@ -26,7 +26,7 @@ struct Vertices {
     joints: Vec<[u8; 4]>,
 }
 
-/// Adds the body of `rig`, whose hips rest at `hips_m`.
+/// Adds the body of `rig`, with the resting hips at `hips_m`.
 pub(super) fn push(
     root: &mut json::Root,
     bytes: &mut Bytes,
@@ -93,7 +93,7 @@ impl Vertices {
             return;
         }
         let along = along_m / length_m;
-        // Across: away from the axis that the bone lies along least.
+        // Perpendicular to the bone, derived from the axis with which it is least aligned.
         let across = along.cross(&if along.x.abs() < 0.7 {
             Vector3::x()
         } else {

@@ -1,12 +1,13 @@
-//! A scaled `OpenSim` model of one person: our own tree of 40 degrees of freedom under `OpenSim`'s names.
+//! A scaled `OpenSim` model of one person: our tree of 40 degrees of freedom with `OpenSim`'s
+//! names.
 //!
-//! Coordinates are called as the columns of our MOT files and mean the same, and markers as those of our TRC files, so
-//! that the three open together. Metres; ground and bodies have x forward, y up, z to the right; ground (x, y, z) = world
-//! (y, z, x). Lengths are what the run settled on, left and right as measured. Masses are guesses: nothing of a picture
-//! tells them, and inverse kinematics does not need them.
+//! Coordinates have the names and meanings of the columns of our MOT files, and markers those of
+//! our TRC files, so the three can be opened together. Metres; ground and bodies have x forward, y
+//! up, z to the right; ground (x, y, z) = world (y, z, x). Lengths are the final ones of the run,
+//! left and right as measured. Masses are estimates: images do not determine them, and inverse
+//! kinematics does not need them.
 
 mod segments;
-mod xml;
 
 use std::io::{self, Write};
 
@@ -16,18 +17,17 @@ use farfield_fusion::export::marker_names::opensim_name;
 use nalgebra::Vector3;
 
 use self::segments::{Coordinate, SEGMENTS, Segment, segment_of};
-use self::xml::Xml;
-use super::points::{determined, names};
+use super::{determined, names};
 use crate::skeleton::Offsets;
 use crate::subject::Subject;
 
-/// Version of `OpenSim`'s documents that is written: 4.0, which all of 4 read.
+/// `OpenSim` document version 4.0, which all versions 4 read.
 const VERSION: &str = "40000";
-/// Mass of a person over the square of the stature, kg/m²: the middle of what is normal.
+/// Mass of a person over the square of the stature, kg/m²: the middle of the normal range.
 const MASS_PER_SQUARE: f64 = 22.0;
 /// From the sole to the centre of the head, in statures: 0.53 + 0.07 + 0.22 + 0.10 (`formats.md`).
 const HEAD_HEIGHT: f64 = 0.92;
-/// Thickness of a segment, as a share of its length, for its inertia and what is drawn.
+/// Thickness of a segment as a share of its length, for its inertia and its shape.
 const THICKNESS: f64 = 0.15;
 /// Length of a segment without an end, metres.
 const SHORT_M: f64 = 0.1;
@@ -35,7 +35,7 @@ const SHORT_M: f64 = 0.1;
 /// Writes the model of a person.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of `out`.
 pub fn write_model(mut out: impl Write, subject: &Subject<'_>) -> io::Result<()> {
     let offsets = &subject.survey.offsets;
     let mut xml = Xml::default();
@@ -64,14 +64,14 @@ pub fn write_model(mut out: impl Write, subject: &Subject<'_>) -> io::Result<()>
     out.write_all(xml.text().as_bytes())
 }
 
-/// Our link axes (forward, left, up) to `OpenSim`'s (forward, up, right), as text, metres.
+/// Converts our link axes (forward, left, up) to `OpenSim`'s (forward, up, right), as text, metres.
 fn vector(ours: &Vector3<f64>) -> String {
     let numbers =
         [ours.x, ours.z, -ours.y].map(|v| format!("{:.6}", (v * 1e6).round() / 1e6 + 0.0));
     numbers.join(" ")
 }
 
-/// Where `joint` lies in the link that holds it, from the link's origin, metres.
+/// Position of `joint` in the link that holds it, relative to the link's origin, metres.
 fn in_link_m(joint: Joint, offsets: &Offsets) -> Vector3<f64> {
     let origin = segment_of(joint.link()).map(|segment| segment.origin);
     let (mut at_m, mut at) = (Vector3::zeros(), joint);
@@ -94,7 +94,7 @@ fn push_body(xml: &mut Xml, segment: &Segment, offsets: &Offsets) {
     let length_m = along_m.norm().max(SHORT_M);
     let thick_m = THICKNESS * length_m;
     let [around, across] = cylinder_kg_m2(mass_kg, thick_m / 2.0, length_m);
-    // Feet lie along x, all else that has an end along y.
+    // Feet lie along x, all other segments with an end along y.
     let [xx, yy] = match segment.end {
         Some(_) if !segment.is_upright => [around, across],
         _ => [across, around],
@@ -132,15 +132,15 @@ fn push_body(xml: &mut Xml, segment: &Segment, offsets: &Offsets) {
     xml.close("Body");
 }
 
-/// Moments of inertia of a solid cylinder about its own axis, and across it through its middle, kg m²: m r²/2 and
-/// m (3 r² + l²)/12.
+/// Moments of inertia of a solid cylinder about its own axis, and across it through its middle, kg
+/// m²: m r²/2 and m (3 r² + l²)/12.
 fn cylinder_kg_m2(mass_kg: f64, radius_m: f64, length_m: f64) -> [f64; 2] {
     let square = radius_m * radius_m;
     let across = mass_kg * (3.0 * square + length_m * length_m) / 12.0;
     [mass_kg * square / 2.0, across]
 }
 
-/// From the soles to the top of the head, metres, of who stands upright.
+/// From the soles to the top of the head when standing upright, metres.
 pub(crate) fn stature_m(offsets: &Offsets) -> f64 {
     let upward = [Joint::Spine, Joint::Neck, Joint::Head];
     let above_m: f64 = upward
@@ -204,19 +204,19 @@ fn push_joint(xml: &mut Xml, segment: &Segment, offsets: &Offsets) {
 fn push_coordinate(xml: &mut Xml, coordinate: &Coordinate) {
     xml.open_named("Coordinate", coordinate.name);
     let [low, high] = range_of(coordinate.name);
-    // Where OpenSim's inverse kinematics starts: from a straight knee or elbow it may bend the limb backwards, turned by half
-    // a turn, which puts all markers where they are.
+    // Start value of OpenSim's inverse kinematics. From a straight knee or elbow it may bend the
+    // limb backwards, rotated by half a turn, which fits all markers too.
     let hinges = ["knee_angle_", "elbow_flex_"];
     let is_hinge = hinges.iter().any(|name| coordinate.name.starts_with(name));
     xml.leaf("default_value", if is_hinge { "0.3" } else { "0" });
     xml.leaf("range", &format!("{low:.6} {high:.6}"));
-    // What was measured is shown, also where a venue allows more.
+    // Measured values are shown, even if a venue allows more.
     xml.leaf("clamped", "false");
     xml.leaf("locked", "false");
     xml.close("Coordinate");
 }
 
-/// The range of motion of an angle, radians; what is not bounded has a full turn, and translations 100 m.
+/// The range of motion of an angle, radians; a full turn if unlimited, and 100 m for translations.
 fn range_of(name: &str) -> [f64; 2] {
     const FULL: [f64; 2] = [-std::f64::consts::PI, std::f64::consts::PI];
     const FAR_M: [f64; 2] = [-100.0, 100.0];
@@ -230,7 +230,7 @@ fn range_of(name: &str) -> [f64; 2] {
     [low.max(FULL[0]), high.min(FULL[1])]
 }
 
-/// Three axes; those without a coordinate do not move, along what is left of `spare`.
+/// Three axes; those without a coordinate are fixed, along the remaining axes in `spare`.
 fn push_axes(xml: &mut Xml, what: &str, coordinates: &[Coordinate], spare: [&str; 3]) {
     for (k, spare) in spare.iter().enumerate() {
         xml.open_named("TransformAxis", &format!("{what}{}", k + 1));
@@ -276,6 +276,81 @@ fn push_markers(xml: &mut Xml, subject: &Subject<'_>) {
         xml.leaf("fixed", "true");
         xml.close("Marker");
     }
+}
+
+/// A document under construction.
+#[derive(Debug)]
+struct Xml {
+    text: String,
+    depth: usize,
+}
+
+impl Default for Xml {
+    fn default() -> Self {
+        Self {
+            text: "<?xml version=\"1.0\" encoding=\"UTF-8\" ?>\n".to_owned(),
+            depth: 0,
+        }
+    }
+}
+
+impl Xml {
+    /// Opens an element; `tag` is its name and attributes.
+    fn open(&mut self, tag: &str) {
+        self.line(&["<", tag, ">"]);
+        self.depth += 1;
+    }
+
+    /// Opens an element with the attribute `name`.
+    fn open_named(&mut self, tag: &str, name: &str) {
+        self.line(&["<", tag, " name=\"", &escaped(name), "\">"]);
+        self.depth += 1;
+    }
+
+    /// Closes an element.
+    fn close(&mut self, tag: &str) {
+        self.depth = self.depth.saturating_sub(1);
+        self.line(&["</", tag, ">"]);
+    }
+
+    /// An element with text.
+    fn leaf(&mut self, tag: &str, text: &str) {
+        self.line(&["<", tag, ">", &escaped(text), "</", tag, ">"]);
+    }
+
+    /// A set of objects.
+    fn set(&mut self, tag: &str, name: &str, objects: impl FnOnce(&mut Self)) {
+        self.open_named(tag, name);
+        self.open("objects");
+        objects(self);
+        self.close("objects");
+        self.close(tag);
+    }
+
+    /// The whole document.
+    fn text(&self) -> &str {
+        &self.text
+    }
+
+    fn line(&mut self, parts: &[&str]) {
+        self.text.extend(std::iter::repeat_n('\t', self.depth));
+        self.text.extend(parts.iter().copied());
+        self.text.push('\n');
+    }
+}
+
+fn escaped(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '"' => safe.push_str("&quot;"),
+            c => safe.push(c),
+        }
+    }
+    safe
 }
 
 #[cfg(test)]

@@ -1,29 +1,30 @@
-//! The tree of bodies: which joint each turns about, and by which angles.
+//! The tree of bodies: the joint of each body, and its angles.
 //!
-//! Axes are `OpenSim`'s: x forward, y up, z to the right. They say for our body model in those axes what
-//! `farfield_fusion::body::skeleton::dof` says in ours; a test compares the two.
+//! Axes are `OpenSim`'s: x forward, y up, z to the right. They describe our body model in those
+//! axes, as `farfield_fusion::body::skeleton::dof` does in ours; a test compares the two.
 
 use farfield_fusion::body::skeleton::{Joint, Link};
 
 /// A body of the model.
 #[derive(Debug)]
 pub(super) struct Segment {
-    /// The link of our body model that it is.
+    /// The link of our body model.
     pub(super) link: Link,
-    /// Its name, as in the Rajagopal model where that has it.
+    /// Its name, from the Rajagopal model if that has it.
     pub(super) name: &'static str,
-    /// The body it hangs from; none for the pelvis, which moves in the ground.
+    /// The parent body; none for the pelvis, which moves in the ground.
     pub(super) parent: Option<&'static str>,
-    /// The joint that is its origin.
+    /// The joint at its origin.
     pub(super) origin: Joint,
     /// The joint to which its mass extends.
     pub(super) end: Option<Joint>,
     /// Whether it lies along its own y axis.
     pub(super) is_upright: bool,
-    /// Its share of the body's mass. Source: Winter, "Biomechanics and Motor Control of Human Movement", table 4.1;
-    /// the trunk's 0.497 divided among pelvis, torso and scapulae, hands with the forearms.
+    /// Its share of the body's mass. Source: Winter, "Biomechanics and Motor Control of Human
+    /// Movement", table 4.1; the trunk's 0.497 is divided among pelvis, torso and scapulae; hands
+    /// belong to the forearms.
     pub(super) mass_share: f64,
-    /// Its rotations against its parent, each about an axis that is carried along by those before.
+    /// Its rotations relative to its parent, in order, about axes that move with the earlier ones.
     pub(super) rotations: &'static [Coordinate],
     /// Its translations in its parent.
     pub(super) translations: &'static [Coordinate],
@@ -32,13 +33,13 @@ pub(super) struct Segment {
 /// A coordinate of the model.
 #[derive(Debug)]
 pub(super) struct Coordinate {
-    /// The reported angle that it is.
+    /// The reported angle.
     pub(super) name: &'static str,
-    /// About or along which axis.
+    /// Axis of rotation or translation.
     pub(super) axis: &'static str,
 }
 
-/// The body that is this link.
+/// The body of this link.
 pub(super) fn segment_of(link: Link) -> Option<&'static Segment> {
     SEGMENTS.iter().find(|segment| segment.link == link)
 }

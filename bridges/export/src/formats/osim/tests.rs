@@ -1,4 +1,4 @@
-//! The tree of the model against our body model.
+//! Tests: the tree of the model compared with our body model.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,8 @@ use proptest::prelude::*;
 use super::*;
 use crate::skeleton::tests::any_pose;
 
-/// Places all markers at joints as `OpenSim` does: body-fixed rotations in turn, in the ground.
+/// Positions of all markers at joints as in `OpenSim`: successive body-fixed rotations, in the
+/// ground.
 fn opensim_joints_m(pose: &Pose, offsets: &Offsets) -> Vec<Vector3<f64>> {
     let angles = reported_angles(pose);
     let value = |name: &str| angles[ANGLE_NAMES.iter().position(|known| *known == name).unwrap()];
@@ -51,11 +52,11 @@ fn opensim_joints_m(pose: &Pose, offsets: &Offsets) -> Vec<Vector3<f64>> {
 
 proptest! {
     #[test]
-    fn the_tree_moves_as_our_body_does(pose in any_pose(), stature_m in 1.0f64..2.2) {
+    fn the_tree_moves_like_the_body_model(pose in any_pose(), stature_m in 1.0f64..2.2) {
         let proportions = Proportions::from_stature(stature_m);
         let mut body = Kinematics::default();
         Skeleton::new(&proportions).forward(&pose, &mut body);
-        let theirs_m = opensim_joints_m(&pose, &Offsets::of(&proportions));
+        let theirs_m = opensim_joints_m(&pose, &Offsets::from_proportions(&proportions));
         for (ours_m, theirs_m) in body.joints_m.iter().zip(&theirs_m) {
             // The ground's (x, y, z) is the world's (y, z, x).
             let ours_m = Vector3::new(ours_m.y, ours_m.z, ours_m.x);
@@ -81,11 +82,11 @@ fn every_angle_is_one_coordinate_and_every_link_one_body() {
 }
 
 #[test]
-fn a_cylinder_that_is_known_has_the_inertia_that_is_known() {
-    // 6 kg, 0.5 m in radius and 1 m long: 6 * 0.25 / 2 about its axis, 6 (0.75 + 1) / 12 across.
+fn cylinders_have_the_known_inertia() {
+    // 6 kg, radius 0.5 m, length 1 m: 6 * 0.25 / 2 about its axis, 6 (0.75 + 1) / 12 across.
     let [along, across] = cylinder_kg_m2(6.0, 0.5, 1.0);
     assert!((along - 0.75).abs() < 1e-12 && (across - 0.875).abs() < 1e-12);
-    // Thin as a stick: nothing about itself, m l^2 / 12 across.
+    // A thin stick: zero about itself, m l^2 / 12 across.
     let [along, across] = cylinder_kg_m2(3.0, 0.0, 2.0);
     assert!(along.abs() < 1e-12 && (across - 1.0).abs() < 1e-12);
 }

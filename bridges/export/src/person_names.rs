@@ -1,4 +1,4 @@
-//! Who is exported, and what they are called: in files, and in their names.
+//! The exported people and their names, in files and in file names.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -8,28 +8,29 @@ use crate::options::{Format, Options};
 use crate::run::{PersonSurvey, Survey};
 use crate::target_names::file_word;
 
-/// What a person is called.
+/// The name of a person.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Called {
-    /// In files: as it was given, with the id where another has the same name.
+pub(crate) struct PersonName {
+    /// In files: as given; with a number if another person has the same name.
     pub(crate) name: String,
-    /// In their names.
+    /// In file names.
     pub(crate) word: String,
 }
 
-/// Who is exported, and what they are called: as the options say, else as `names` say, else by the id.
+/// The exported people with their names: from the options, otherwise from `names`, otherwise the
+/// id.
 ///
 /// # Errors
-/// Who is asked for and not there at `ticks`, or that nobody is; names that cannot be.
+/// If a requested person is not present at `ticks`, no person is, or a name is invalid.
 pub(crate) fn people_of(
     survey: &Survey,
     options: &Options,
     names: &BTreeMap<u32, String>,
     ticks: &Range<i64>,
-) -> Result<BTreeMap<u32, Called>, ExportError> {
+) -> Result<BTreeMap<u32, PersonName>, ExportError> {
     let is_present = |person: &PersonSurvey| person.present.is_some();
-    let there = survey.people.iter().filter(|(_, it)| is_present(it));
-    let there: Vec<u32> = there.map(|(id, _)| *id).collect();
+    let present = survey.people.iter().filter(|(_, it)| is_present(it));
+    let present: Vec<u32> = present.map(|(id, _)| *id).collect();
     if let Some(person) = options
         .called
         .keys()
@@ -41,41 +42,41 @@ pub(crate) fn people_of(
             format!("found a name for person {person}, expected one of {known:?}"),
         ));
     }
-    let asked = if options.people.is_empty() {
-        &there
+    let requested = if options.people.is_empty() {
+        &present
     } else {
         &options.people
     };
-    if let Some(person) = asked.iter().find(|person| !there.contains(person)) {
+    if let Some(person) = requested.iter().find(|person| !present.contains(person)) {
         return Err(ExportError::option(
             OptionField::People,
-            format!("found person {person}, expected one of {there:?}"),
+            format!("found person {person}, expected one of {present:?}"),
         ));
     }
-    if there.is_empty() {
-        let problem = format!("nobody is there in ticks {}..{}", ticks.start, ticks.end);
+    if present.is_empty() {
+        let problem = format!("no people in ticks {}..{}", ticks.start, ticks.end);
         let given = options.ticks.as_ref().map(|_| OptionField::Ticks);
-        return Err(ExportError::of(given, problem));
+        return Err(ExportError::with_option(given, problem));
     }
-    // Of everybody who is there: a name does not change with who else is asked for.
+    // Over all present people, so that a name does not depend on the selection.
     let mut all = BTreeMap::new();
-    for &person in &there {
-        all.insert(person, called(person, options, names)?);
+    for &person in &present {
+        all.insert(person, name_of(person, options, names)?);
     }
-    tell_apart(&mut all);
-    all.retain(|person, _| asked.contains(person));
+    make_unique(&mut all);
+    all.retain(|person, _| requested.contains(person));
     Ok(all)
 }
 
-fn called(
+fn name_of(
     person: u32,
     options: &Options,
     names: &BTreeMap<u32, String>,
-) -> Result<Called, ExportError> {
+) -> Result<PersonName, ExportError> {
     let option = options.called.get(&person);
     let Some(name) = option.or_else(|| names.get(&person)) else {
         let name = person.to_string();
-        return Ok(Called {
+        return Ok(PersonName {
             word: name.clone(),
             name,
         });
@@ -83,39 +84,39 @@ fn called(
     if name.trim().is_empty() || name.chars().any(char::is_control) {
         let problem = format!("found {name:?} as the name of person {person}, expected letters");
         let given = option.map(|_| OptionField::Called);
-        return Err(ExportError::of(given, problem));
+        return Err(ExportError::with_option(given, problem));
     }
-    Ok(Called {
+    Ok(PersonName {
         name: name.clone(),
         word: file_word(name),
     })
 }
 
-/// Gives people who are called alike, or as a file of everybody is, their ids besides; where somebody else is called so, the
-/// next number that is free.
-fn tell_apart(people: &mut BTreeMap<u32, Called>) {
-    // Some systems do not tell capital letters apart.
+/// Makes names unique: appends the id to names that are equal, or equal to the name of a shared
+/// file; if that is taken too, the next free number.
+fn make_unique(people: &mut BTreeMap<u32, PersonName>) {
+    // Some file systems ignore case.
     let lower = |text: &str| text.to_lowercase();
     let taken = Format::TAKEN_WORDS.map(str::to_owned).into_iter();
-    let of_people = people.values().map(|called| lower(&called.word));
-    let mut words = counted(taken.chain(of_people));
-    let mut names = counted(people.values().map(|called| called.name.clone()));
-    for (&person, called) in people {
-        if words.get(&lower(&called.word)).is_some_and(|n| *n > 1) {
-            let numbered = |number: u64| format!("{}_{number}", called.word);
-            called.word = free(person, numbered, |word| words.contains_key(&lower(word)));
-            words.insert(lower(&called.word), 1);
+    let of_people = people.values().map(|name| lower(&name.word));
+    let mut words = counts_of(taken.chain(of_people));
+    let mut names = counts_of(people.values().map(|name| name.name.clone()));
+    for (&person, name) in people {
+        if words.get(&lower(&name.word)).is_some_and(|n| *n > 1) {
+            let numbered = |number: u64| format!("{}_{number}", name.word);
+            name.word = free(person, numbered, |word| words.contains_key(&lower(word)));
+            words.insert(lower(&name.word), 1);
         }
-        if names.get(&called.name).is_some_and(|n| *n > 1) {
-            let numbered = |number: u64| format!("{} {number}", called.name);
-            called.name = free(person, numbered, |name| names.contains_key(name));
-            names.insert(called.name.clone(), 1);
+        if names.get(&name.name).is_some_and(|n| *n > 1) {
+            let numbered = |number: u64| format!("{} {number}", name.name);
+            name.name = free(person, numbered, |name| names.contains_key(name));
+            names.insert(name.name.clone(), 1);
         }
     }
 }
 
-/// How often each of `texts` is there.
-fn counted(texts: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
+/// Number of occurrences of each text.
+fn counts_of(texts: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
     let mut counts = BTreeMap::new();
     for text in texts {
         *counts.entry(text).or_insert(0) += 1;
@@ -123,7 +124,8 @@ fn counted(texts: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
     counts
 }
 
-/// The first text with a number, the `person`'s id or more, that is not taken: `Ada_3` may be a name, too.
+/// The first text with a number from `person`'s id up that is not taken, since `Ada_3` may be a
+/// name too.
 fn free(person: u32, numbered: impl Fn(u64) -> String, is_taken: impl Fn(&str) -> bool) -> String {
     let mut texts = (u64::from(person)..).map(numbered);
     texts.find(|text| !is_taken(text)).unwrap_or_default()
@@ -134,24 +136,24 @@ mod tests {
     use super::*;
 
     fn words(names: &[(u32, &str)]) -> Vec<String> {
-        let called = |name: &str| Called {
+        let named = |name: &str| PersonName {
             name: name.to_owned(),
             word: file_word(name),
         };
-        let people = names.iter().map(|(person, name)| (*person, called(name)));
+        let people = names.iter().map(|(person, name)| (*person, named(name)));
         let mut people = people.collect();
-        tell_apart(&mut people);
+        make_unique(&mut people);
         people.into_values().map(|it| it.word).collect()
     }
 
     #[test]
-    fn who_is_called_as_a_file_of_everybody_has_the_id_besides() {
+    fn names_of_shared_files_get_the_id_appended() {
         assert_eq!(words(&[(1, "Ada"), (2, "tidy")]), ["Ada", "tidy_2"]);
         assert_eq!(words(&[(3, "Tidy"), (4, "tidy")]), ["Tidy_3", "tidy_4"]);
     }
 
     #[test]
-    fn an_id_with_which_somebody_else_is_called_gives_way_to_the_next_number() {
+    fn a_taken_id_is_replaced_by_the_next_free_number() {
         assert_eq!(words(&[(1, "tidy_2"), (2, "tidy")]), ["tidy_2", "tidy_3"]);
         let people = [(3, "Ada"), (4, "ada"), (7, "ADA_3")];
         assert_eq!(words(&people), ["Ada_4", "ada_5", "ADA_3"]);
@@ -162,19 +164,19 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_cannot_be_is_of_the_option_only_where_that_gave_it() {
+    fn invalid_names_are_attributed_to_their_source() {
         let name = BTreeMap::from([(1, "a\tb".to_owned())]);
         let mut options = Options::default();
-        let of_edits = called(1, &options, &name);
+        let of_edits = name_of(1, &options, &name);
         assert!(matches!(of_edits, Err(ExportError::Options(_))));
         options.called = name.clone();
-        let of_option = called(1, &options, &BTreeMap::new());
+        let of_option = name_of(1, &options, &BTreeMap::new());
         let field = OptionField::Called;
         assert!(matches!(of_option, Err(ExportError::Option { field: it, .. }) if it == field));
     }
 
     #[test]
-    fn every_word_that_files_of_everybody_have_is_taken() {
+    fn names_of_all_shared_files_are_reserved() {
         let formats = Format::ALL.map(|(_, format)| format);
         for all in formats.into_iter().filter(|it| it.holds_all()) {
             let name = all.file_name("");
