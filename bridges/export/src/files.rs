@@ -91,7 +91,7 @@ pub(crate) fn append(
         }
         written.map_err(failed)
     });
-    // An editor that ignores the lock may have written meanwhile, so only an empty file is removed.
+    // An editor that ignores the lock may have written in the meantime, so only an empty file is removed.
     let is_empty = || file.metadata().is_ok_and(|it| it.len() == 0);
     if made.is_err() && text.is_empty() && is_empty() {
         drop(fs::remove_file(path));

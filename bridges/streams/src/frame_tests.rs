@@ -60,8 +60,8 @@ fn new_names_apply_from_the_next_tick() {
     let named =
         |id| format!("{{\"at\":\"\",\"edit\":\"name\",\"person\":{id},\"name\":\"Anna\"}}\n");
     maker.edit(edited(&(named(1) + &named(2))));
-    let alike = maker.frame(&synthetic::poses_at(2, 2));
-    assert_eq!(names(&alike), ["Anna 1", "Anna 2", "Anna 1", "Anna 2"]);
+    let repeated = maker.frame(&synthetic::poses_at(2, 2));
+    assert_eq!(names(&repeated), ["Anna 1", "Anna 2", "Anna 1", "Anna 2"]);
 }
 
 fn edited(lines: &str) -> Identities {

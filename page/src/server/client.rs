@@ -309,7 +309,7 @@ impl Client {
         }
         if let Some(hz) = self.most_hz {
             let (tick, step) = (frame.tick.0 as f64, self.shared.context.venue.rate_hz / hz);
-            // Starts anew after a jump.
+            // Starts again after a jump.
             let is_near = (self.due_tick - tick).abs() <= 2.0 * step + 1.0;
             if is_near && tick + 0.5 < self.due_tick {
                 return Ok(());

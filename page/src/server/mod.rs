@@ -40,7 +40,7 @@ pub(crate) const MAX_CLIENTS: usize = 32;
 pub struct ServerOptions {
     /// Listening address; port 0 selects a free one.
     pub address: SocketAddr,
-    /// Names and addresses, besides the loopback ones, that browsers may use for the server:
+    /// Names and addresses, other than the loopback ones, that browsers may use for the server:
     /// `hall.local`, `192.168.1.7`, `[fd00::7]`. The first one appears in the printed URL.
     pub names: Vec<String>,
     /// Certificate and key; required beyond the loopback interface.

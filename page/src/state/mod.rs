@@ -54,7 +54,7 @@ pub trait PageActions: Send + Sync {
     fn act(&self, action: &Action) -> Result<(), String>;
 }
 
-/// Options of the page besides the venue.
+/// Options of the page, other than the venue.
 #[derive(Default)]
 pub struct PageOptions {
     /// Limits of the history, or of the recording data in memory.

@@ -312,10 +312,7 @@ mod tests {
             assert_eq!(incoming.push(&[*byte]), Ok(None));
         }
         let first = incoming.push(b"\n").unwrap().unwrap();
-        assert_eq!(
-            first,
-            Request::ShortInfo("session_id='default'".to_owned())
-        );
+        assert_eq!(first, Request::ShortInfo("session_id='default'".to_owned()));
         assert_eq!(request("LSL:fullinfo\r\n"), Ok(Some(Request::FullInfo)));
     }
 

@@ -27,7 +27,7 @@ const HANDSHAKE: Duration = Duration::from_secs(5);
 const MOST_ANSWERS_PER_S: u32 = 200;
 /// Size of a read; no datagram of an inlet is longer.
 const READ: usize = 4096;
-/// Multicast groups of discovery, besides the broadcast address.
+/// Multicast groups of discovery, in addition to the broadcast address.
 const GROUPS: [Ipv4Addr; 2] = [
     Ipv4Addr::new(224, 0, 0, 183),
     Ipv4Addr::new(239, 255, 172, 215),

@@ -5,12 +5,13 @@ use std::sync::Arc;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::Status;
 use farfield_proto::message::live::CameraHealth;
-use farfield_proto::tick::Tick;
+use farfield_proto::tick::{Micros, SECOND_US, Tick};
 use farfield_proto::venue::{DeviceSettings, Source};
 use farfield_proto::wire;
 
 use crate::protocol::status::{Condition, Severity, StatusDocument};
 use crate::state::fixture::{context, synthetic, venue};
+use crate::state::known::alarms::Growth;
 use crate::state::known::context::{Context, Topic};
 use crate::state::known::{External, Known};
 
@@ -259,14 +260,14 @@ fn notices_keep_their_own_text_and_remedy() {
 /// Regression: all missing ticks were attributed to message loss, also if the processor was busy.
 #[test]
 fn missing_ticks_are_attributed_to_the_main_cause() {
-    /// Growth per second of the counters of fusion's link and of the edge.
+    /// Increase per second of the counters of fusion's link and of the edge.
     #[derive(Default)]
-    struct Growth {
+    struct Increase {
         late: u64,
         missing: u64,
         missed_ticks: u64,
     }
-    let alarm = |grows: Growth| {
+    let alarm = |increase: Increase| {
         let context = context();
         let mut known = Known::new(Arc::clone(&context));
         let viewpoint = context.node_name(Some(ViewpointIndex(0))).to_owned();
@@ -277,9 +278,9 @@ fn missing_ticks_are_attributed_to_the_main_cause() {
                 return true;
             };
             if is_edge {
-                live.missed_ticks = s * grows.missed_ticks;
+                live.missed_ticks = s * increase.missed_ticks;
             } else if let Some(link) = live.edges.first_mut() {
-                (link.late, link.missing) = (s * grows.late, s * grows.missing);
+                (link.late, link.missing) = (s * increase.late, s * increase.missing);
             }
             true
         });
@@ -287,12 +288,12 @@ fn missing_ticks_are_attributed_to_the_main_cause() {
         let alarms = status_of(&mut known).alarms;
         alarms.into_iter().find(|alarm| alarm.key == key)
     };
-    let with_missing = |late: u64, missed_ticks: u64| Growth {
+    let with_missing = |late: u64, missed_ticks: u64| Increase {
         late,
         missing: 10,
         missed_ticks,
     };
-    for (grows, why, remedy) in [
+    for (increase, why, remedy) in [
         (with_missing(0, 0), "north-east", "the link loses messages"),
         (with_missing(1, 2), "north-east", "the link loses messages"),
         (
@@ -302,14 +303,14 @@ fn missing_ticks_are_attributed_to_the_main_cause() {
         ),
         (with_missing(8, 1), "in time", "none is lost"),
     ] {
-        let alarm = alarm(grows).unwrap();
+        let alarm = alarm(increase).unwrap();
         assert!(alarm.text.starts_with("10 ticks per second"), "{alarm:?}");
         assert!(
             alarm.text.contains(why) && alarm.remedy.contains(remedy),
             "{alarm:?}"
         );
     }
-    assert_eq!(alarm(Growth::default()), None);
+    assert_eq!(alarm(Increase::default()), None);
 }
 
 #[test]
