@@ -154,7 +154,7 @@ fn a_few_wild_scores_and_percent_lose_no_people() {
     ];
     let imported = farfield(&import);
     assert_eq!(imported.code, 0, "{}", imported.stderr);
-    for remark in ["taken for percent", "scores are above 1.25, the largest"] {
+    for remark in ["read as percent", "scores are above 1.25, the largest"] {
         assert!(imported.stdout.contains(remark), "{}", imported.stdout);
     }
     run(
