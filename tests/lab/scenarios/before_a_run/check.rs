@@ -225,7 +225,10 @@ fn empty_keypoint_files_and_wrong_sizes_are_reported() {
     assert_eq!(finished.code, 0, "{}", finished.stderr);
     let report = lines(&finished);
     let larger = ["camera `north-east`", "outside its picture of 1920 x 1200"];
-    let empty = ["camera `south-west`", "none of its 120 lines contains a person"];
+    let empty = [
+        "camera `south-west`",
+        "none of its 120 lines contains a person",
+    ];
     assert!(has_line(&report, "warning", &larger), "{report:#?}");
     assert!(has_line(&report, "warning", &empty), "{report:#?}");
     let finished = folder.farfield(&["run", "venue.toml", "--out", "out", "--ticks", "0..5"]);

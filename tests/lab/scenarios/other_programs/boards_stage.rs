@@ -146,8 +146,7 @@ fn boards_and_a_ball_become_a_calibration_that_passes_in_one_command() {
     let count = |words: &str| again.stderr.matches(words).count();
     assert_eq!(count("its lens in "), 2, "{}", again.stderr);
     assert_eq!(count("camera north: its lens"), 0, "{}", again.stderr);
-    assert_eq!(
-        count(".txt from an earlier scan"), 3, "{}", again.stderr);
+    assert_eq!(count(".txt from an earlier scan"), 3, "{}", again.stderr);
 }
 
 #[test]
