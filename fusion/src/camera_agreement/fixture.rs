@@ -221,7 +221,7 @@ impl Hall {
         AgreementSamples {
             cameras: Arc::new(cameras),
             samples,
-            standing: Standing::of(&[self.stature_m(); 2], vec![[self.floor_m; 2]; 20]),
+            standing: Standing::of(&[self.stature_m(); 2], self.floor_m),
         }
     }
 

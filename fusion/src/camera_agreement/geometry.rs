@@ -169,20 +169,3 @@ pub(super) fn meeting(
         depths_m,
     })
 }
-
-/// Where the lines of sight of several cameras come nearest to each other, least squares, world, metres; `None`
-/// where they are parallel.
-pub(super) fn nearest_point_m<'a>(
-    lines: impl Iterator<Item = (&'a Vector3<f64>, Vector3<f64>)>,
-) -> Option<Vector3<f64>> {
-    let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
-    for (origin_m, direction) in lines {
-        let unit = direction.normalize();
-        let across = Matrix3::identity() - unit * unit.transpose();
-        matrix += across;
-        vector += across * origin_m;
-    }
-    // Two lines that are 6 degrees apart have 0.005.
-    let inverse = matrix.try_inverse()?;
-    (matrix.determinant() > 0.005).then(|| inverse * vector)
-}

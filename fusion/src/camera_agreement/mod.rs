@@ -25,7 +25,6 @@ mod judge;
 mod lens;
 mod nobody;
 mod pairs;
-mod refit;
 mod report;
 mod samples;
 mod standing;
@@ -204,44 +203,22 @@ impl AgreementSamples {
         if let Some(cause) = of_all {
             self.tell_of_all(cause, &mut report);
         }
-        // Where anything else is wrong people stand wherever that puts them.
-        let is_alone = report.disagreements.is_empty();
-        let standing = &self.standing;
-        let of_floor = || {
-            standing
-                .doubtful_tilt()
-                .or_else(|| standing.doubtful_floor())
-        };
-        let floor = || of_floor().filter(|_| is_alone);
-        let is_of_all = |told: &Disagreement| {
-            matches!(
-                told.cause,
-                DisagreementCause::ExchangedKeypoints { .. }
-                    | DisagreementCause::PictureOfAll { .. }
-            )
-        };
-        let is_whole = !report.disagreements.iter().any(is_of_all);
-        let factor = factor_of_all(&report);
-        let is_of_lenses = is_alone || factor.is_some() && report.disagreements.len() == 1;
-        let scale = standing.doubtful_scale(factor.unwrap_or(1.0), is_of_lenses);
-        let scale = scale.filter(|_| is_whole);
-        report
-            .disagreements
-            .extend(scale.or_else(floor).map(|cause| self.of_all(cause)));
+        // If anything else is wrong, people stand wherever that puts them.
+        if report.disagreements.is_empty() {
+            let standing = &self.standing;
+            let scale = standing.doubtful_scale();
+            let tilt = scale.or_else(|| standing.doubtful_tilt());
+            let of_people = tilt.or_else(|| standing.doubtful_floor());
+            let of_people = of_people.map(|cause| self.of_all(cause));
+            report.disagreements.extend(of_people);
+        }
         tell_of_changes(&self.cameras, &self.samples, &mut report);
         report
     }
 
     /// Something that no camera is named for.
     fn of_all(&self, cause: DisagreementCause) -> Disagreement {
-        let (found, remedy) = words::of(&[], cause, self.cameras.rate_hz);
-        Disagreement {
-            cameras: Vec::new(),
-            cause,
-            part_ticks: None,
-            found,
-            remedy,
-        }
+        Disagreement::new(Vec::new(), cause, self.cameras.rate_hz)
     }
 
     /// Which keypoints are exchanged in all cameras.
@@ -336,15 +313,6 @@ fn forget_who_disagrees(report: &mut AgreementReport) {
             *camera = CameraAgreement::default();
         }
     }
-}
-
-/// By how much people seem larger for the focal lengths of several cameras, where something is told of these.
-fn factor_of_all(report: &AgreementReport) -> Option<f64> {
-    let factor = |told: &Disagreement| match told.cause {
-        DisagreementCause::FocalLength { factor } if told.cameras.len() != 1 => Some(factor),
-        _ => None,
-    };
-    report.disagreements.iter().find_map(factor)
 }
 
 /// Per keypoint the one on the other side of the body; itself where there is none.

@@ -6,7 +6,6 @@ mod statures;
 mod tilt;
 
 use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::order_statistics::{mean_median, percentile};
 use farfield_proto::venue::Venue;
 use nalgebra::Vector3;
 
@@ -18,24 +17,13 @@ use crate::body::skeleton::{Joint, Joints};
 use crate::estimate::estimator::Estimator;
 use crate::identity::track::Track;
 
-/// Heights that are kept, the newest.
-const MAX_KEPT: usize = 256;
-/// Places where somebody stood that are kept, the newest: of several people at an instant.
+/// Places where a person stood that are kept, the newest: of several people at an instant.
 const MAX_STANCES: usize = 1024;
-/// Least instants that tell of the floor, and of one that is so far from everybody's feet, metres, that it is no jump.
-const MIN_INSTANTS: usize = 20;
-const FEW_INSTANTS: usize = 8;
-const FAR_FROM_FLOOR_M: f64 = 0.6;
 /// Viewpoints that must see an ankle: legs behind a desk are made up.
 const MIN_VIEWS: u16 = 2;
 /// Least downward part of the direction of thigh and shank of a leg on which somebody stands: within 40 degrees. Who sits,
 /// kneels, lies or rides does not stand.
 const DOWNWARD: f64 = 0.77;
-/// How far everybody's feet are under the floor in three of four instants if it is elsewhere, metres. Heels and toes that no
-/// keypoint tells were seen to be 0.05 off, and the floor of a calibration 0.10 (on the Shelf).
-const UNDER_FLOOR_M: f64 = 0.15;
-/// The same above it: who runs is in the air for less than half of the time.
-const ABOVE_FLOOR_M: f64 = 0.25;
 /// The lowest points of a skeleton that stands.
 const FEET: [Joint; 4] = [
     Joint::LeftHeel,
@@ -56,8 +44,6 @@ pub(super) struct Standing {
     ankles: [Option<usize>; 2],
     floor_m: f64,
     statures: Statures,
-    /// Per instant how high the feet of those who stand are above the floor: of the lowest person, and of the highest.
-    feet_m: Vec<[f64; 2]>,
     /// Where they stood, and how they leant.
     stances: Vec<Stance>,
     ankle_heights: AnkleHeights,
@@ -75,17 +61,17 @@ impl Standing {
             ankles: ["left_ankle", "right_ankle"].map(|name| keypoints.index_of(name)),
             floor_m,
             statures,
-            feet_m: Vec::with_capacity(MAX_KEPT),
             stances: Vec::with_capacity(MAX_STANCES),
             ankle_heights: AnkleHeights::default(),
         }
     }
 
-    /// People of these statures, whose feet are so high.
+    /// People of these statures whose feet are so high.
     #[cfg(test)]
-    pub(super) fn of(statures_m: &[f64], feet_m: Vec<[f64; 2]>) -> Self {
+    pub(super) fn of(statures_m: &[f64], feet_m: f64) -> Self {
+        let ids = 1..=statures_m.len() as u32;
         Self {
-            feet_m,
+            ankle_heights: AnkleHeights::of(ids.map(|id| (id, feet_m))),
             ..Self::with(&KeypointSet::coco17(), 0.0, Statures::of(statures_m))
         }
     }
@@ -93,7 +79,6 @@ impl Standing {
     /// Keeps what the `tracks` are now.
     pub(super) fn note(&mut self, tracks: &[Track]) {
         self.statures.begin();
-        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         let seen = tracks.iter().filter(|track| !track.is_tentative());
         for track in seen.filter(|track| track.estimator().n_views() >= MIN_VIEWS) {
             let joints_m = track.estimator().joints_m();
@@ -104,53 +89,21 @@ impl Standing {
                 self.ankle_heights.note(track.id(), joints_m, self.floor_m);
                 let stance = Stance::of(joints_m, foot_m);
                 keep(&mut self.stances, stance, MAX_STANCES);
-                let above_m = foot_m.z - self.floor_m;
-                range = [range[0].min(above_m), range[1].max(above_m)];
             }
-        }
-        if range.iter().all(|m| m.is_finite()) {
-            keep(&mut self.feet_m, range, MAX_KEPT);
         }
     }
 
-    /// That people have sizes which people do not have, also where they seem so many times as large as they are for what is known
-    /// already.
-    pub(super) fn doubtful_scale(&self, larger: f64, is_alone: bool) -> Option<DisagreementCause> {
-        self.statures.doubtful_scale(larger, is_alone)
+    /// That people have sizes which people do not have.
+    pub(super) fn doubtful_scale(&self) -> Option<DisagreementCause> {
+        self.statures.doubtful_scale()
     }
 
     /// That all who stand do so under the floor, or nobody on it.
     pub(super) fn doubtful_floor(&self) -> Option<DisagreementCause> {
-        let above_m = self
-            .far_from_floor_m()
-            .or_else(|| self.ankle_heights.elsewhere_m())?;
         Some(DisagreementCause::FloorHeight {
-            above_m,
+            above_m: self.ankle_heights.elsewhere_m()?,
             floor_m: self.floor_m,
         })
-    }
-
-    /// How high the feet of those who stand are above the floor, by the lowest points of all of them, metres.
-    fn far_from_floor_m(&self) -> Option<f64> {
-        if self.feet_m.len() < FEW_INSTANTS {
-            return None;
-        }
-        let sorted = |of: usize| {
-            let mut feet_m: Vec<f64> = self.feet_m.iter().map(|range| range[of]).collect();
-            feet_m.sort_by(f64::total_cmp);
-            feet_m
-        };
-        let [lowest_m, highest_m] = [sorted(0), sorted(1)];
-        let told_m = if percentile(&highest_m, 0.75)? < -UNDER_FLOOR_M {
-            highest_m
-        } else if percentile(&lowest_m, 0.25)? > ABOVE_FLOOR_M {
-            lowest_m
-        } else {
-            return None;
-        };
-        let above_m = mean_median(&told_m)?;
-        let are_enough = told_m.len() >= MIN_INSTANTS || above_m.abs() >= FAR_FROM_FLOOR_M;
-        are_enough.then_some(above_m)
     }
 
     /// That the world is tilted.
@@ -199,40 +152,6 @@ mod tests {
     use super::*;
     use crate::body::skeleton::dof::{DofGroup, first_of};
     use crate::body::skeleton::{Kinematics, Pose, Proportions, Side, Skeleton};
-
-    /// What is found of people whose feet are so high, all at once.
-    fn above_m(feet_m: impl Iterator<Item = [f64; 2]>) -> Option<f64> {
-        match Standing::of(&[], feet_m.collect()).doubtful_floor()? {
-            DisagreementCause::FloorHeight { above_m, .. } => Some(above_m),
-            other => panic!("{other:?}"),
-        }
-    }
-
-    #[test]
-    fn people_under_the_floor_and_people_in_the_air_are_told_by_how_much() {
-        // They walk: a foot is up to 5 cm off the ground they walk on.
-        let walk = |floor_m: f64| (0..40).map(move |i| [floor_m + 0.01 * f64::from(i % 6); 2]);
-        for floor_m in [-1.0, -0.22, 0.3, 1.2] {
-            let found_m = above_m(walk(floor_m)).unwrap();
-            assert!((found_m - floor_m).abs() < 0.06, "{floor_m}: {found_m}");
-        }
-        for floor_m in [-0.1, 0.0, 0.2] {
-            assert_eq!(above_m(walk(floor_m)), None, "{floor_m}");
-        }
-    }
-
-    #[test]
-    fn nothing_is_said_where_one_stands_on_the_floor_of_who_jumps_and_of_a_moment() {
-        // A conductor before a choir on its steps, and a spectator below a stand with others on it.
-        assert_eq!(above_m((0..40).map(|_| [0.0, 0.6])), None);
-        assert_eq!(above_m((0..40).map(|_| [-0.9, 0.0])), None);
-        // Somebody is in the air for 60 % of the time.
-        let jumps = (0..50).map(|i| [if i % 5 < 3 { 0.5 } else { 0.0 }; 2]);
-        assert_eq!(above_m(jumps), None);
-        assert_eq!(above_m((0..19).map(|_| [-0.4; 2])), None);
-        assert_eq!(above_m((0..7).map(|_| [-1.0; 2])), None);
-        assert!(above_m((0..9).map(|_| [-1.0; 2])).is_some());
-    }
 
     /// The joints of a body of 1.8 m with these bends of both hips and knees, radians, turned so and with its pelvis so high.
     fn body(hip: f64, knee: f64, turn: f64, pelvis_m: f64) -> Joints {

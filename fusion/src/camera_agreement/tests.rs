@@ -1,7 +1,6 @@
 //! What is said of cameras that are not what the venue says.
 
 mod displaced;
-mod in_part;
 
 use farfield_proto::message::agreement::AgreementVerdict;
 

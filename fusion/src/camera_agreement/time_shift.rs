@@ -27,11 +27,6 @@ const SHARP: f64 = 1.03;
 const EDGE_TICKS: usize = 2;
 /// By which factor most shifts cost more than the least.
 const STANDS_OUT: f64 = 1.25;
-/// A shift of one burst that is farther than this share of the longest from that of all the time must cost less by this factor than
-/// any nearer one: who walks shows nearly the same again after two steps, and right cameras of a crowd then cost 1.22 times as much
-/// at no shift. Far shifts of all the time must explain about as much.
-const ANOTHER_STEP: f64 = 0.25;
-const ANOTHER_STEP_COST: f64 = 1.5;
 /// Rounds in which all cameras are moved.
 const MAX_ROUNDS: usize = 24;
 
@@ -52,8 +47,6 @@ pub(super) struct Shift {
     pub(super) cost_after: f64,
     /// Whether some ticks more or less would be clearly worse: something moved.
     pub(super) is_sharp: bool,
-    /// Whether it fits without a shift, too, and clearly better than some ticks earlier or later.
-    pub(super) fits_now: bool,
 }
 
 /// Which keypoints are compared: the halves have different ones, so that one can confirm the other.
@@ -77,23 +70,14 @@ impl KeypointHalf {
     }
 }
 
-/// Per camera its shift, by a half of the keypoints; `None` where too little moved before it, or too few others saw the same.
-fn shifts(costs: &mut ShiftCosts<'_>, half: KeypointHalf) -> Vec<Option<Shift>> {
+/// Per camera its shift; `None` if too little moved before it, or too few others saw the same.
+pub(super) fn shifts(costs: &mut ShiftCosts<'_>) -> Vec<Option<Shift>> {
     let unknown = vec![None; costs.n_cameras()];
-    shifts_of(costs, CurvePart { half, burst: None }, &unknown)
-}
-
-/// By all keypoints, and by either half of them, beside that.
-pub(super) fn shifts_by_half(costs: &mut ShiftCosts<'_>) -> [Vec<Option<Shift>>; 3] {
-    let halves = [
-        KeypointHalf::All,
-        KeypointHalf::OddPairs,
-        KeypointHalf::EvenPairs,
-    ];
-    let [all, mut odd, mut even] = halves.map(|half| shifts(costs, half));
-    put_beside(&mut odd, &all);
-    put_beside(&mut even, &all);
-    [all, odd, even]
+    let part = CurvePart {
+        half: KeypointHalf::All,
+        burst: None,
+    };
+    shifts_of(costs, part, &unknown)
 }
 
 /// Per camera its shift, of a part of what was kept; found from those of `all`, where they are known.
@@ -107,16 +91,12 @@ fn shifts_of(
     let known = all
         .iter()
         .map(|shift| shift.map_or(0.0, |it| it.late_ticks.round()) as isize);
-    let known: Vec<isize> = known.collect();
-    let mut ticks = known.clone();
+    let mut ticks: Vec<isize> = known.collect();
     for _ in 0..MAX_ROUNDS {
         let moves = (0..n_cameras).filter_map(|camera| {
             let sums = sums(&curves, &ticks, camera, reach)?;
             let now = sums[index(ticks[camera], reach)];
-            let (at, least) = match part.burst {
-                Some(_) => least_near(&sums, index(known[camera], reach))?,
-                None => least(&sums)?,
-            };
+            let (at, least) = least(&sums)?;
             let gain = now - least;
             (gain > 1e-6).then_some((camera, at.cast_signed() - reach.cast_signed(), gain))
         });
@@ -143,17 +123,14 @@ fn shifts_of(
                 .filter(|c| c.a == camera || c.b == camera)
                 .count() as f64;
             let at = index(ticks[camera], reach);
-            let is_sharp = |at: usize, factor: f64| {
-                let beside = [at.checked_sub(SHARP_TICKS), Some(at + SHARP_TICKS)];
-                let mut beside = beside.into_iter().flatten().filter_map(|at| sums.get(at));
-                beside.all(|sum| sum / sums[at] >= factor)
-            };
+            let near = [at.checked_sub(SHARP_TICKS), Some(at + SHARP_TICKS)];
+            let mut near = near.into_iter().flatten().filter_map(|at| sums.get(at));
+            let is_sharp = near.all(|sum| sum / sums[at] >= SHARP);
             Some(Shift {
                 late_ticks: ticks[camera] as f64 + fractions[camera] - beside,
                 cost_before: sums[reach] / n,
                 cost_after: sums[at] / n,
-                is_sharp: stands_out(&sums, at) && is_sharp(at, SHARP),
-                fits_now: is_sharp(reach, STANDS_OUT),
+                is_sharp: stands_out(&sums, at) && is_sharp,
             })
         })
         .collect()
@@ -228,18 +205,6 @@ fn least(sums: &[f64]) -> Option<(usize, f64)> {
     known.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// The least cost; near that of all the time, where none farther away is clearly less.
-fn least_near(sums: &[f64], all: usize) -> Option<(usize, f64)> {
-    let near = (ANOTHER_STEP * (sums.len() / 2) as f64) as usize;
-    let from = all.saturating_sub(near);
-    let nearest = least(&sums[from..(all + near + 1).min(sums.len())]);
-    let of_all = least(sums)?;
-    match nearest {
-        Some((at, cost)) if cost < ANOTHER_STEP_COST * of_all.1 => Some((from + at, cost)),
-        _ => Some(of_all),
-    }
-}
-
 /// Where between two neighbours the parabola through three costs is least, -0.5 to 0.5.
 pub(super) fn vertex(before: f64, at: f64, after: f64) -> f64 {
     let bend = before + after - 2.0 * at;
@@ -304,21 +269,6 @@ pub(super) fn is_same(first: f64, second: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn where_two_steps_later_all_looks_the_same_that_of_all_the_time_is_told() {
-        let walk = |least: [f64; 2]| {
-            let costs = (0..121).map(|at: usize| match (at.abs_diff(60), at.abs_diff(18)) {
-                (0, _) => least[0],
-                (_, 0) => least[1],
-                _ => 0.4,
-            });
-            least_near(&costs.collect::<Vec<f64>>(), 60)
-        };
-        assert_eq!(walk([0.145, 0.124]), Some((60, 0.145)));
-        assert_eq!(walk([0.3, 0.124]), Some((18, 0.124)));
-        assert_eq!(least_near(&[f64::NAN; 121], 60), None);
-    }
 
     #[test]
     fn of_two_recorders_that_of_the_first_camera_is_right_whichever_was_moved() {

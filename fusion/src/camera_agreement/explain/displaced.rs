@@ -3,13 +3,12 @@
 //! Each change is fitted to one half of the keypoints and weighed by what it leaves of the distances of the other half: what a
 //! network errs on some of them explains nothing of the others, and a change of more numbers has no advantage of them.
 
-use super::super::judge::Judge;
+use super::super::judge::{Findings, Judge};
 use super::super::lens::LensPoints;
 use super::super::lens::focal_lengths::{FocalLengths, focal_lengths};
-use super::super::pairs::{CameraRays, PictureChange};
-use super::super::refit::resection::{Change, Changed, Observed};
-use super::super::report::{Disagreement, DisagreementCause};
-use super::MOST_TURNED_RAD;
+use super::super::pairs::PictureChange;
+use super::super::report::DisagreementCause;
+use super::resection::{Change, Changed, Observed};
 
 /// Keypoints that a camera must show to be fitted.
 const MIN_OBSERVED: usize = 120;
@@ -32,6 +31,8 @@ const PER_NUMBER: f64 = 0.01;
 /// Least and most way of a camera that was moved, metres.
 const LEAST_MOVED_M: f64 = 0.02;
 const MOST_MOVED_M: f64 = 0.6;
+/// Turns larger than this are no camera that was pushed, radians.
+const MOST_TURNED_RAD: f64 = 0.35;
 /// Least turn that is told, degrees: across a wide field the tenths of a tick by which cameras run freely look like two tenths.
 const LEAST_TURNED_DEG: f64 = 0.5;
 /// Least change of a focal length, as a share, and least and most one of a k1.
@@ -40,15 +41,13 @@ const LEAST_K1: f64 = 0.05;
 const MOST_K1: f64 = 0.75;
 /// Of so many cameras that are compared one may be displaced: where more are, it is not each for itself.
 const ONE_IN: usize = 3;
-/// With so many of the surest it is tried which others are displaced, too.
-const TRIED_FIRST: usize = 3;
 
 /// What explains what a camera shows beside the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Displacement {
     pub(super) cause: DisagreementCause,
     /// The camera as it is then.
-    pub(super) changed: Changed,
+    changed: Changed,
     /// What it leaves of the median distance.
     pub(super) ratio: f64,
     /// What it leaves of the cost of all distances.
@@ -61,7 +60,7 @@ pub(super) struct Displacement {
 
 impl Displacement {
     /// Whether it is told of a camera that agrees well enough otherwise, or of one that nothing else explains.
-    pub(super) fn is_certain(&self) -> bool {
+    fn is_certain(&self) -> bool {
         let by_median = self.is_gain && self.ratio < CERTAIN;
         by_median || self.is_aside && self.cost_ratio < CERTAIN_COST
     }
@@ -69,7 +68,7 @@ impl Displacement {
 
 /// What explains best what a camera shows beside the others that are `right`; `None` where nothing does.
 pub(super) fn displaced(
-    points: &LensPoints<'_>,
+    points: &LensPoints,
     camera: usize,
     right: &[usize],
 ) -> Option<Displacement> {
@@ -158,75 +157,46 @@ fn cause(change: Change, changed: &Changed) -> Option<DisagreementCause> {
     }
 }
 
-/// Cameras that are displaced, each with its cause.
-type Displaced = Vec<(usize, DisagreementCause)>;
-
 impl Judge<'_> {
-    /// Why one camera alone does not show what all others do.
-    pub(in crate::camera_agreement) fn displaced_alone(
-        &self,
-        points: &LensPoints<'_>,
-        camera: usize,
-    ) -> Option<DisagreementCause> {
-        let all: Vec<usize> = (0..self.lines.len()).collect();
-        let displaced = displaced(points, camera, &all)?;
-        displaced.is_gain.then_some(displaced.cause)
-    }
-
-    /// Cameras that agree well enough, and of which one change explains what they show beside the others.
+    /// Cameras that agree well enough, and of which one change explains what they show relative to the others.
     ///
-    /// One that is displaced draws what the others say with it, most of all for the one opposite. So where several are found
-    /// one after the other it is tried whether fewer are, begun with another.
-    pub(in crate::camera_agreement) fn find_displaced(
-        &self,
-        points: &LensPoints<'_>,
-        all: &mut Vec<Disagreement>,
-        told: &mut [bool],
-    ) {
+    /// The surest is taken first. It is left out before the next is looked for, because a displaced camera draws what the
+    /// others say with it.
+    pub(in crate::camera_agreement) fn find_displaced(&self, findings: &mut Findings) {
+        let Some(points) = self.points_of_moving() else {
+            return;
+        };
         // Through other lenses in all cameras each seems to stand elsewhere.
-        if focal_lengths(points)
-            .as_ref()
-            .is_some_and(FocalLengths::is_sure)
-        {
+        let scaled = focal_lengths(points);
+        if scaled.as_ref().is_some_and(FocalLengths::is_sure) {
             return;
         }
-        // Where everybody goes one way, who is late shows them all aside.
-        let is_left = |camera: &usize| !told[*camera] && !self.may_be_late(*camera);
-        let left: Vec<usize> = (0..told.len()).filter(is_left).collect();
-        let first = self.surest(points, &left);
-        let mut found = Displaced::new();
-        for (index, &(_, camera, cause)) in first.iter().take(TRIED_FIRST).enumerate() {
-            let others = self.one_by_one(points, &left, (camera, cause));
-            if index == 0 || others.len() < found.len() {
-                found = others;
+        // If all people go one way, a late camera shows them all aside.
+        let mut left = findings.unexplained();
+        left.retain(|&camera| !self.may_be_late(camera));
+        let most = (left.len() / ONE_IN).max(1);
+        let mut found: Vec<(usize, DisagreementCause)> = Vec::new();
+        while let Some((camera, cause)) = self.surest(points, &left) {
+            if found.len() == most {
+                return;
             }
-            if found.len() == 1 {
-                break;
-            }
-        }
-        if found.len() > (left.len() / ONE_IN).max(1) {
-            return;
+            found.push((camera, cause));
+            left.retain(|of| *of != camera);
         }
         for (camera, cause) in found {
-            told[camera] = true;
-            all.push(self.disagreement(&[camera], cause));
+            findings.add(self, &[camera], cause);
         }
     }
 
-    /// Those of the cameras that are `left` which are displaced for certain against the others, the surest first.
-    fn surest(
-        &self,
-        points: &LensPoints<'_>,
-        left: &[usize],
-    ) -> Vec<(f64, usize, DisagreementCause)> {
+    /// Of the cameras that are `left`, the one that is most surely displaced against the others.
+    fn surest(&self, points: &LensPoints, left: &[usize]) -> Option<(usize, DisagreementCause)> {
         let causes = left.iter().filter_map(|&camera| {
             let found = displaced(points, camera, left)?;
-            let is_told = found.is_certain() && self.fits_sightings(camera, &found.changed, left);
-            is_told.then_some((found.cost_ratio, camera, found.cause))
+            let is_sure = found.is_certain() && self.fits_sightings(camera, &found.changed, left);
+            is_sure.then_some((found.cost_ratio, camera, found.cause))
         });
-        let mut causes: Vec<_> = causes.collect();
-        causes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        causes
+        let surest = causes.min_by(|a, b| a.0.total_cmp(&b.0));
+        surest.map(|(_, camera, cause)| (camera, cause))
     }
 
     /// Whether the sightings of a camera that is changed so meet those of the others no worse than as it is calibrated.
@@ -235,50 +205,15 @@ impl Judge<'_> {
     ///
     /// A crop is cut for somebody, and where a camera sees that person badly it shows another: beside somebody whom few cameras
     /// see, always the same one. Sightings are of whoever is there.
-    pub(super) fn fits_sightings(
-        &self,
-        camera: usize,
-        changed: &Changed,
-        others: &[usize],
-    ) -> bool {
+    fn fits_sightings(&self, camera: usize, changed: &Changed, others: &[usize]) -> bool {
         let lines = changed.lines(&self.lines[camera]);
         let rays = self.rays_through(camera, &lines, PictureChange::AsItIs);
         let rays = rays.through(|y| Some(changed.straightened(y)));
-        self.sightings_cost(camera, &rays, others)
-            .is_some_and(|ratio| ratio <= 1.0)
-    }
-
-    /// What the sightings of a camera cost against the others with these lines of sight, as a share of what they cost as it is
-    /// calibrated; `None` where they have too little in common.
-    pub(super) fn sightings_cost(
-        &self,
-        camera: usize,
-        rays: &CameraRays,
-        others: &[usize],
-    ) -> Option<f64> {
         let others: Vec<usize> = others.iter().copied().filter(|of| *of != camera).collect();
         let before = self.cost_against(camera, &self.as_it_is[camera], &others);
-        let after = self.cost_against(camera, rays, &others);
-        Some(after? / before?.max(f64::MIN_POSITIVE))
-    }
-
-    /// Begun with this camera, those that are displaced, each held to the cameras that are left after those before it.
-    fn one_by_one(
-        &self,
-        points: &LensPoints<'_>,
-        left: &[usize],
-        first: (usize, DisagreementCause),
-    ) -> Displaced {
-        let mut left = left.to_vec();
-        let most = left.len() / ONE_IN;
-        let mut found = vec![first];
-        left.retain(|of| *of != first.0);
-        while found.len() <= most
-            && let Some(&(_, camera, cause)) = self.surest(points, &left).first()
-        {
-            found.push((camera, cause));
-            left.retain(|of| *of != camera);
-        }
-        found
+        let after = self.cost_against(camera, &rays, &others);
+        before
+            .zip(after)
+            .is_some_and(|(before, after)| after <= before)
     }
 }

@@ -4,12 +4,11 @@
 //! Of the people whom cameras show, every keypoint of one is compared with every keypoint of the others. The assignment of least
 //! cost says which is which; where it is not the one of the names, the order is another.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
-use super::super::geometry::{SightLines, meeting};
+use super::super::geometry::meeting;
 use super::super::pairs::{CameraRays, Partners, cost};
-use super::super::refit::for_each_body;
-use super::super::samples::{Burst, COMPARED};
+use super::super::samples::COMPARED;
 use crate::assign::assign;
 
 /// What it costs to take a keypoint for another: those of a face lie together.
@@ -18,8 +17,6 @@ const MOVED_COST: f64 = 0.03;
 const MOVED_GAIN: f64 = 0.1;
 /// Least keypoints that have moved: fewer are a network's confusions.
 const MIN_MOVED: usize = 4;
-/// How near a keypoint must be to cost one half, as a share of the extent of the body.
-const NEAR: f64 = 0.08;
 /// Least comparisons of two keypoints that tell.
 const MIN_COMPARED: usize = 4;
 
@@ -32,38 +29,6 @@ pub(super) struct KeypointOrder {
     pub(super) moved: usize,
     /// Whether left and right are exchanged, and nothing else.
     pub(super) sides: bool,
-}
-
-/// What an order of keypoints is, and what it leaves of the cost of that of the names.
-pub(super) type WeighedOrder = (f64, KeypointOrder);
-
-/// The order in which `camera` shows keypoints, by where the cameras that are `right` say they are: tells left from right
-/// where lines of sight alone do not, as between cameras of one height. `None` where it is that of the names.
-pub(super) fn shown_order(
-    bursts: &[&Burst],
-    lines: &[SightLines],
-    of: (usize, &[usize]),
-    partners: &Partners,
-) -> Option<WeighedOrder> {
-    let mut costs = Costs::none(partners.len());
-    for_each_body(bursts, lines, of, |expected_px, shown| {
-        let seen = || expected_px.iter().flatten();
-        let apart = |p: &Vector2<f64>| seen().map(|q| (p - q).norm()).fold(0.0, f64::max);
-        let near_px = NEAR * seen().map(apart).fold(0.0, f64::max);
-        for (keypoint, v) in expected_px.iter().enumerate() {
-            for (place, u) in shown.iter().enumerate() {
-                if let (Some(v), Some(u)) = (v, u) {
-                    let off2 = (v - u).norm_squared();
-                    costs.add((keypoint, place), off2 / (off2 + near_px * near_px));
-                }
-            }
-        }
-    });
-    let order = costs.order(partners)?;
-    let all = |place: &dyn Fn(usize) -> usize| -> f64 {
-        (0..partners.len()).map(|k| costs.mean((k, place(k)))).sum()
-    };
-    Some((all(&|k| order.of[k]) / all(&|k| k), order))
 }
 
 /// The order of the keypoints of `own` that fits these others best; `None` where it is that of the names.

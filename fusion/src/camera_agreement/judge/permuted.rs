@@ -7,8 +7,8 @@
 use std::collections::BTreeMap;
 
 use super::super::pairs::{CameraRays, PairAgreement, PictureChange};
-use super::super::report::{Disagreement, DisagreementCause};
-use super::{Judge, MIN_KEYPOINTS};
+use super::super::report::DisagreementCause;
+use super::{Findings, Judge, MIN_KEYPOINTS};
 
 /// Cameras that are tried: of so many there are 120 orders.
 const MOST: usize = 5;
@@ -23,31 +23,26 @@ type Given = (usize, usize);
 
 impl Judge<'_> {
     /// Cameras that have the sources of each other.
-    pub(super) fn find_permuted(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
-        for group in self.groups(told) {
-            let mut right = self.taken_for_right(&group);
-            if group.len() < LEAST + right.len() {
+    pub(super) fn find_permuted(&self, findings: &mut Findings) {
+        for mut group in self.groups(findings) {
+            if group.outside.len() < LEAST {
                 continue;
             }
             // Two may agree by chance.
-            if right.len() <= BY_CHANCE && group.len() <= MOST {
-                right.clear();
+            if group.right.len() <= BY_CHANCE && group.all.len() <= MOST {
+                group.right.clear();
+                group.outside.clone_from(&group.all);
             }
-            let outside = group.iter().filter(|camera| !right.contains(camera));
-            let outside: Vec<usize> = outside.copied().collect();
-            if outside.len() > MOST {
+            if group.outside.len() > MOST {
                 continue;
             }
-            for cycle in self.cycles(&outside, &right) {
-                for &camera in &cycle {
-                    told[camera] = true;
-                }
+            for cycle in self.cycles(&group.outside, &group.right) {
                 let cause = if cycle.len() == 2 {
                     DisagreementCause::Swapped
                 } else {
                     DisagreementCause::Permuted
                 };
-                all.push(self.disagreement(&cycle, cause));
+                findings.add(self, &cycle, cause);
             }
         }
     }

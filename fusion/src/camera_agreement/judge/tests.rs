@@ -1,7 +1,7 @@
 //! Cameras beside each other that are right, and such as seem to show the same.
 
 use super::super::fixture::{Hall, Mistake};
-use super::*;
+use super::super::report::DisagreementCause;
 
 #[test]
 fn two_cameras_on_one_pole_may_show_the_same() {

@@ -30,7 +30,7 @@ pub(in crate::camera_agreement) struct DistortionFit {
 }
 
 /// The distortion with which lines of sight meet best, where that is sure.
-pub(in crate::camera_agreement) fn distortion(points: &LensPoints<'_>) -> Option<DistortionFit> {
+pub(in crate::camera_agreement) fn distortion(points: &LensPoints) -> Option<DistortionFit> {
     let calibrated = points.lines_of_sight();
     let before = points.mean_cost(&calibrated, |_, _| None);
     let known = points.known();

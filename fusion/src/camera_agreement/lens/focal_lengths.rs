@@ -44,7 +44,7 @@ impl FocalLengths {
 }
 
 /// The focal lengths with which lines of sight meet best, where they are surely others.
-pub(in crate::camera_agreement) fn focal_lengths(points: &LensPoints<'_>) -> Option<FocalLengths> {
+pub(in crate::camera_agreement) fn focal_lengths(points: &LensPoints) -> Option<FocalLengths> {
     let known = points.known();
     let seen: Vec<Seen> = points.seen_by_known().collect();
     if seen.len() < MIN_POINTS {
@@ -82,7 +82,7 @@ pub(in crate::camera_agreement) fn focal_lengths(points: &LensPoints<'_>) -> Opt
 /// A keypoint, with how deep it is for each camera by the calibration, metres.
 type Seen = (Point, Vec<f64>);
 
-impl LensPoints<'_> {
+impl LensPoints {
     /// Those that three viewpoints of known cameras show, as these do.
     fn seen_by_known(&self) -> impl Iterator<Item = Seen> {
         self.points.iter().filter_map(|point| {

@@ -1,8 +1,8 @@
-//! Whether lines of sight would meet better if lenses were of the other kind: `fisheye` is said of ordinary lenses, or is not
-//! said of fisheyes, and the coefficients are read in the other model.
+//! Whether lines of sight would meet better if cameras that are calibrated as fisheyes had ordinary lenses with the same
+//! coefficients.
 //!
 //! ```text
-//!   y -> where the calibrated lens draws it -> y' by a lens of the other kind with the same coefficients
+//!   y -> where the calibrated lens draws it -> y' by an ordinary lens with the same coefficients
 //! ```
 //!
 //! Nothing is fitted: a lens is of one kind or of the other.
@@ -14,90 +14,58 @@ use nalgebra::Vector2;
 use super::LensPoints;
 use super::distortion::distortion;
 
-/// What the other kind leaves of the cost. Where one or all are called fisheyes 0.78 to 0.95 was left of the sample and the Shelf
-/// (but for one camera of this, 0.99), 1.01 or more where all is right, and 0.995 where all sources are exchanged.
-const TOLD: f64 = 0.95;
-/// What it must leave at most of what another distortion leaves.
+/// Most of the cost that an ordinary lens may leave. If one or all cameras are calibrated as fisheyes by mistake, 0.78 to 0.95
+/// was left on the sample and the Shelf (0.99 for one camera of the Shelf); on right cameras 1.01 or more.
+const MAX_COST_RATIO: f64 = 0.95;
+/// Most that it may leave of what another distortion leaves.
 const BEYOND_DISTORTION: f64 = 0.97;
 /// How many times as much as the next choice of cameras it must explain.
-const STANDS_OUT: f64 = 1.3;
+const MIN_MARGIN: f64 = 1.3;
 
-/// Lenses of the other kind.
-#[derive(Debug, Clone, PartialEq)]
-pub(in crate::camera_agreement) struct OtherKind {
-    /// The cameras: one, or all that are calibrated as that kind.
-    pub(in crate::camera_agreement) cameras: Vec<usize>,
-    /// Whether they are calibrated as fisheyes.
-    pub(in crate::camera_agreement) are_called_fisheyes: bool,
-    /// What it leaves of the cost.
-    pub(in crate::camera_agreement) ratio: f64,
-}
-
-/// The cameras whose lenses are surely of the other kind than `models`, in the order of the venue's cameras, say.
-pub(in crate::camera_agreement) fn other_kind(
-    points: &LensPoints<'_>,
+/// The cameras, one or all of those that are calibrated as fisheyes, that surely have ordinary lenses.
+pub(in crate::camera_agreement) fn called_fisheyes(
+    points: &LensPoints,
     models: &[&CameraModel],
-) -> Option<OtherKind> {
-    let others: Vec<Option<CameraModel>> = models.iter().map(|m| of_other_kind(m)).collect();
-    let shown = points.counts(models.len());
-    let may_be = |&camera: &usize| others[camera].is_some() && shown[camera] >= super::MIN_POINTS;
-    let all: Vec<usize> = (0..models.len()).filter(may_be).collect();
-    let is_fisheye = |camera: usize| models[camera].lens().is_fisheye();
-    let of_kind = [true, false].map(|kind| {
-        let own = all
-            .iter()
-            .copied()
-            .filter(|&camera| is_fisheye(camera) == kind);
-        own.collect::<Vec<usize>>()
-    });
+) -> Option<Vec<usize>> {
+    let ordinary: Vec<Option<CameraModel>> = models.iter().map(|m| ordinary(m)).collect();
+    let is_known = |&of: &usize| ordinary[of].is_some() && points.count(of) >= super::MIN_POINTS;
+    let all: Vec<usize> = (0..models.len()).filter(is_known).collect();
     let alone = all.iter().map(|&camera| vec![camera]);
-    let together = of_kind.into_iter().filter(|cameras| cameras.len() > 1);
+    let together = Some(all.clone()).filter(|all| all.len() > 1);
     let calibrated = points.lines_of_sight();
     let before = points.mean_cost(&calibrated, |_, _| None);
     let before = before.max(f64::MIN_POSITIVE);
-    let fits = together.chain(alone).map(|cameras| {
+    let fits = together.into_iter().chain(alone).map(|cameras| {
         let cost = points.mean_cost(&calibrated, |of, y| {
-            let own = cameras
-                .contains(&of)
-                .then(|| through(y, (models[of], others[of].as_ref()?)));
-            own.flatten()
+            let is_changed = cameras.contains(&of);
+            is_changed.then(|| through(y, (models[of], ordinary[of].as_ref()?)))?
         });
-        OtherKind {
-            are_called_fisheyes: is_fisheye(cameras[0]),
-            cameras,
-            ratio: cost / before,
-        }
+        (cost / before, cameras)
     });
-    let mut fits: Vec<OtherKind> = fits.collect();
-    fits.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
-    let best = fits.first()?;
-    let gain = |fit: &OtherKind| 1.0 - fit.ratio;
-    let stands_out = fits
-        .get(1)
-        .is_none_or(|next| gain(best) > STANDS_OUT * gain(next));
-    if !stands_out || best.ratio >= TOLD {
+    let mut fits: Vec<(f64, Vec<usize>)> = fits.collect();
+    fits.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (ratio, cameras) = fits.first()?;
+    let next_gain = fits.get(1).map_or(0.0, |(next, _)| 1.0 - next);
+    if *ratio >= MAX_COST_RATIO || 1.0 - ratio <= MIN_MARGIN * next_gain {
         return None;
     }
-    // What another distortion explains better is one.
-    let bent = distortion(points).map(|bent| bent.ratio);
-    let is_kind = bent.is_none_or(|bent| best.ratio < BEYOND_DISTORTION * bent);
-    is_kind.then(|| best.clone())
+    // A lens that another distortion explains better is not of another kind.
+    let bent = distortion(points).map_or(f64::INFINITY, |bent| bent.ratio);
+    (*ratio < BEYOND_DISTORTION * bent).then(|| cameras.clone())
 }
 
-/// The camera with a lens of the other kind that has the same coefficients; `None` where there is none.
-fn of_other_kind(model: &CameraModel) -> Option<CameraModel> {
-    let lens = match *model.lens() {
-        LensModel::Rational(Distortion { k1, k2, p1, p2, .. }) => {
-            LensModel::KannalaBrandt([k1, k2, p1, p2])
-        }
-        LensModel::KannalaBrandt([k1, k2, p1, p2]) => LensModel::Rational(Distortion {
-            k1,
-            k2,
-            p1,
-            p2,
-            ..Distortion::default()
-        }),
+/// An ordinary camera with the coefficients of a fisheye; `None` of a camera that is none.
+fn ordinary(model: &CameraModel) -> Option<CameraModel> {
+    let LensModel::KannalaBrandt([k1, k2, p1, p2]) = *model.lens() else {
+        return None;
     };
+    let lens = LensModel::Rational(Distortion {
+        k1,
+        k2,
+        p1,
+        p2,
+        ..Distortion::default()
+    });
     CameraModel::new(
         model.name(),
         model.size_px(),

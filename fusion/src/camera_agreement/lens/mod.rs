@@ -13,8 +13,8 @@ use farfield_proto::order_statistics::reached_by;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use self::blur::blur_m;
+use super::explain::resection::{LEAST_DEPTH_M, Observed};
 use super::geometry::SightLines;
-use super::refit::resection::{LEAST_DEPTH_M, Observed};
 use super::samples::{Burst, PosedTick, Samples, SeenBody, middle_m};
 
 /// Of the ticks of a burst every so many are looked at.
@@ -54,28 +54,28 @@ type Point = Vec<(usize, Vector2<f64>)>;
 const REFINEMENTS: usize = 4;
 
 /// Keypoints that tell of lenses.
-pub(super) struct LensPoints<'a> {
+#[derive(Debug)]
+pub(super) struct LensPoints {
     points: Vec<Point>,
     /// Which keypoint of the network each of them is.
     keypoints: Vec<usize>,
-    lines: &'a [SightLines],
+    lines: Vec<SightLines>,
     viewpoints: Vec<ViewpointIndex>,
     /// The cameras that show enough of them, fisheyes left out: these have other lenses.
     known: Vec<usize>,
     /// How far people go between the pictures of a tick, metres.
     blur_m: f64,
+    has_moved: bool,
 }
 
-impl<'a> LensPoints<'a> {
-    /// Those of `bursts` and of the detection passes of `samples`; `None` where they are too few, or nobody moved.
+impl LensPoints {
+    /// Those of `bursts` and of the detection passes of `samples`; `None` if they are too few.
     pub(super) fn of(
         bursts: &[&Burst],
         samples: &Samples,
-        (lines, viewpoints): (&'a [SightLines], Vec<ViewpointIndex>),
+        lines: &[SightLines],
+        viewpoints: Vec<ViewpointIndex>,
     ) -> Option<Self> {
-        if farthest_moved_m(samples) < MOVED_M {
-            return None;
-        }
         let mut all = points(bursts, lines);
         all.extend(sighted_points(samples, lines));
         all.retain(|(_, point)| is_seen_widely(point, &viewpoints));
@@ -96,10 +96,11 @@ impl<'a> LensPoints<'a> {
         Some(Self {
             points,
             keypoints,
-            lines,
+            lines: lines.to_vec(),
             viewpoints,
             known,
             blur_m: blur_m(bursts, samples),
+            has_moved: farthest_moved_m(samples) >= MOVED_M,
         })
     }
 
@@ -133,6 +134,11 @@ impl<'a> LensPoints<'a> {
         observed.into_iter().step_by(step).collect()
     }
 
+    /// Whether a person moved far enough for small changes of a camera to be sure.
+    pub(super) fn has_moved(&self) -> bool {
+        self.has_moved
+    }
+
     /// How far people go in the median between the pictures that cameras take of a tick, metres: so much less than it is the
     /// distance must be, beside all else, for a change to be told.
     pub(super) fn blur_m(&self) -> f64 {
@@ -156,13 +162,10 @@ impl<'a> LensPoints<'a> {
         (lines.center_m, lines.world(y).normalize())
     }
 
-    /// How many of them each of `n` cameras shows.
-    fn counts(&self, n: usize) -> Vec<usize> {
-        let shows = |camera: usize| {
-            let own = |point: &&Point| point.iter().any(|(of, _)| *of == camera);
-            self.points.iter().filter(own).count()
-        };
-        (0..n).map(shows).collect()
+    /// How many of them a camera shows.
+    fn count(&self, camera: usize) -> usize {
+        let own = |point: &&Point| point.iter().any(|(of, _)| *of == camera);
+        self.points.iter().filter(own).count()
     }
 
     /// What the lines of sight cost, 0 to 1, where a place `y` in the picture of a camera is by another lens at

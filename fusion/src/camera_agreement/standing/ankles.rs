@@ -40,6 +40,18 @@ struct OfPerson {
 }
 
 impl AnkleHeights {
+    /// People, by id, whose feet are so high above the floor, metres.
+    #[cfg(test)]
+    pub(super) fn of(people: impl Iterator<Item = (u32, f64)>) -> Self {
+        let mut all = Self::default();
+        for (id, feet_m) in people {
+            for _ in 0..MIN_INSTANTS {
+                all.keep(PersonId(id), feet_m + ANKLE_M);
+            }
+        }
+        all
+    }
+
     /// Keeps how high the lower ankle of somebody is above a floor at `floor_m`.
     pub(super) fn note(&mut self, id: PersonId, joints_m: &Joints, floor_m: f64) {
         let of = |joint: Joint| joints_m[joint.index()].z;

@@ -27,8 +27,6 @@ const MEAN_OF_MANY_M: [f64; 2] = [1.44, 2.06];
 const QUARTER_OF_MANY_M: [f64; 2] = [1.55, 1.97];
 /// The tallest and the shortest of several whose mean tells, metres: a grown-up among children says that the scale is right.
 const FARTHEST_M: [f64; 2] = [1.65, 1.8];
-/// Median stature outside which the scale is doubted also where something else is wrong, metres.
-const ANYHOW_M: [f64; 2] = [1.2, 2.15];
 /// How far beyond the statures of those whom the venue expects people may seem to be, as a share.
 const OF_SUBJECTS: f64 = 0.1;
 
@@ -120,20 +118,13 @@ impl Statures {
         });
     }
 
-    /// That people have sizes which people do not have, also where they seem so many times as large as they are for what is known
-    /// already (or do not: beside each other cameras show them deeper instead). Where something else is wrong (`is_alone` is
-    /// false) sizes must be far off.
-    pub(super) fn doubtful_scale(&self, larger: f64, is_alone: bool) -> Option<DisagreementCause> {
+    /// That people have sizes which people do not have.
+    pub(super) fn doubtful_scale(&self) -> Option<DisagreementCause> {
         let known = self.people.iter();
         let known = known.filter(|known| known.instants >= MIN_INSTANTS);
         let mut sorted_m: Vec<f64> = known.map(|known| known.stature_m).collect();
         sorted_m.sort_by(f64::total_cmp);
-        let sides = [1.0, larger].map(|larger| self.doubtful_side(&sorted_m, larger));
-        let is_doubted = sides[0].is_some() && sides[0] == sides[1];
-        let median_m = mean_median(&sorted_m).filter(|_| is_doubted)?;
-        if !is_alone && (ANYHOW_M[0]..=ANYHOW_M[1]).contains(&median_m) {
-            return None;
-        }
+        let median_m = mean_median(&sorted_m).filter(|_| self.are_doubtful(&sorted_m))?;
         Some(DisagreementCause::WorldScale {
             stature_m: rounded(median_m),
             people: sorted_m.len(),
@@ -142,15 +133,14 @@ impl Statures {
         })
     }
 
-    /// Whether these people, who seem so many times as large as they are, are all too short or all too tall.
-    fn doubtful_side(&self, sorted_m: &[f64], larger: f64) -> Option<Side> {
-        let of = |m: f64| m / larger;
-        let (lowest_m, highest_m) = (of(*sorted_m.first()?), of(*sorted_m.last()?));
-        let mean_m = of(sorted_m.iter().sum::<f64>() / sorted_m.len() as f64);
-        let [low_quarter_m, high_quarter_m] = [
-            of(percentile(sorted_m, 0.25)?),
-            of(percentile(sorted_m, 0.75)?),
-        ];
+    /// Whether these people are all too short or all too tall.
+    fn are_doubtful(&self, sorted_m: &[f64]) -> bool {
+        let (Some(&lowest_m), Some(&highest_m)) = (sorted_m.first(), sorted_m.last()) else {
+            return false;
+        };
+        let mean_m = sorted_m.iter().sum::<f64>() / sorted_m.len() as f64;
+        let quarter_m = |share| percentile(sorted_m, share).unwrap_or(mean_m);
+        let [low_quarter_m, high_quarter_m] = [0.25, 0.75].map(quarter_m);
         let all_m = if sorted_m.len() == 1 {
             OF_ONE_M
         } else {
@@ -178,21 +168,8 @@ impl Statures {
             }
             None => (is_short, is_tall),
         };
-        if is_short {
-            Some(Side::Short)
-        } else if is_tall {
-            Some(Side::Tall)
-        } else {
-            None
-        }
+        is_short || is_tall
     }
-}
-
-/// To which side people differ from people.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Side {
-    Short,
-    Tall,
 }
 
 /// To a centimetre.
@@ -205,7 +182,7 @@ mod tests {
     use super::*;
 
     fn is_doubted(statures_m: &[f64]) -> bool {
-        Statures::of(statures_m).doubtful_scale(1.0, true).is_some()
+        Statures::of(statures_m).doubtful_scale().is_some()
     }
 
     /// These people in a world that is so many times as large.
@@ -236,7 +213,7 @@ mod tests {
         let are_doubted = |statures_m: &[f64]| {
             let mut all = Statures::of(statures_m);
             all.expected_m = Some([1.62, 1.71]);
-            all.doubtful_scale(1.0, true).is_some()
+            all.doubtful_scale().is_some()
         };
         assert!(!are_doubted(&[1.62, 1.71]));
         assert!(!are_doubted(&scaled(&[1.62, 1.71], 1.05)));
@@ -267,30 +244,13 @@ mod tests {
     }
 
     #[test]
-    fn a_stature_is_doubted_beside_what_makes_people_seem_larger() {
-        let of = |stature_m: f64| Statures::of(&[stature_m; 2]);
-        assert!(of(1.17).doubtful_scale(1.0, true).is_some());
-        assert_eq!(of(1.17).doubtful_scale(0.67, true), None);
-        assert!(of(0.9).doubtful_scale(0.9, true).is_some());
-        // Short as it is, tall without what is known.
-        assert_eq!(of(1.4).doubtful_scale(0.6, true), None);
-    }
-
-    #[test]
-    fn where_something_else_is_wrong_sizes_must_be_far_off() {
-        let of = |stature_m: f64| Statures::of(&[stature_m; 2]);
-        assert_eq!(of(1.4).doubtful_scale(1.0, false), None);
-        assert!(of(1.1).doubtful_scale(1.0, false).is_some());
-    }
-
-    #[test]
     fn people_are_doubted_beside_those_whom_the_venue_expects() {
         let mut children = Statures::of(&[1.3, 1.4]);
-        assert!(children.doubtful_scale(1.0, true).is_some());
+        assert!(children.doubtful_scale().is_some());
         children.expected_m = Some([1.28, 1.75]);
-        assert_eq!(children.doubtful_scale(1.0, true), None);
+        assert_eq!(children.doubtful_scale(), None);
         children.expected_m = Some([1.7, 1.75]);
-        assert!(children.doubtful_scale(1.0, true).is_some());
+        assert!(children.doubtful_scale().is_some());
     }
 
     #[test]

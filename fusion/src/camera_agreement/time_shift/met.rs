@@ -6,9 +6,9 @@
 
 use super::super::geometry::SightLines;
 use super::super::samples::{MAX_BODIES, PassSample, PosedTick, Samples};
-use super::pose_shift::{PoseJump, PoseShift, Projected, Search, Sighted, jumps_apart};
+use super::KeypointHalf;
+use super::pose_shift::{PoseShift, Projected, Search, Sighted};
 use super::silent::SeenPass;
-use super::{KeypointHalf, Shift};
 
 /// Least mean cost of a sighting that is nobody there.
 const ELSEWHERE: f64 = 0.5;
@@ -46,50 +46,30 @@ impl Met {
 pub(in crate::camera_agreement) struct PoseFit {
     /// Its shift; `None` where people moved too little before it, or too few were sighted.
     pub(in crate::camera_agreement) shift: Option<PoseShift>,
-    /// Mean cost of those sightings that are near somebody, as it is; `None` where they are too few.
-    pub(in crate::camera_agreement) cost_now: Option<f64>,
     /// Who is met.
     pub(in crate::camera_agreement) met: Met,
-    /// Whether it is late in a part of the time.
-    pub(in crate::camera_agreement) jump: Option<PoseJump>,
-    /// Whether it is late with others at some passes, and as many others are not.
-    pub(in crate::camera_agreement) apart: Option<PoseJump>,
-    /// What its sightings cost beside where people were by the shift that its crops tell, as a factor of what they do beside where
-    /// people are: who walks shows nearly the same again after two steps, but elsewhere.
-    pub(in crate::camera_agreement) late_by_crops: Option<f64>,
     /// What it shows, by detection pass.
     pub(in crate::camera_agreement) seen: Vec<SeenPass>,
 }
 
-/// That of every camera; `by_crops` is by how much each is late by what crops show.
+/// That of every camera.
 pub(in crate::camera_agreement) fn pose_fits(
     samples: &Samples,
-    (lines, by_crops): (&[SightLines], &[Option<Shift>]),
+    lines: &[SightLines],
     rate_hz: f64,
 ) -> Vec<PoseFit> {
     let poses: Vec<&PosedTick> = samples.poses.iter().map(AsRef::as_ref).collect();
     let passes: Vec<&PassSample> = samples.passes.iter().map(AsRef::as_ref).collect();
     let every = samples.pose_every_ticks();
     let of = |(camera, lines): (usize, &SightLines)| {
-        let late = by_crops.get(camera).copied().flatten();
         let search = Search::of((camera, lines), &poses, (&passes, every));
-        let costs = search.pass_costs(rate_hz);
-        let fit = PoseFit {
+        PoseFit {
             shift: search.shift(rate_hz),
-            cost_now: search.cost_now(),
             met: search.met(),
-            jump: search.jump(&costs),
-            apart: None,
-            late_by_crops: late.and_then(|late| search.cost_of_shift(late.late_ticks)),
             seen: search.seen_passes(),
-        };
-        (fit, costs)
+        }
     };
-    let (mut fits, costs): (Vec<PoseFit>, Vec<_>) = lines.iter().enumerate().map(of).unzip();
-    for (fit, apart) in fits.iter_mut().zip(jumps_apart(&costs, every)) {
-        fit.apart = apart;
-    }
-    fits
+    lines.iter().enumerate().map(of).collect()
 }
 
 impl Search<'_> {

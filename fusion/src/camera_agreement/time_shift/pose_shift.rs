@@ -9,16 +9,12 @@
 //! not in his crops, as boxes are where people are now; sightings are made without boxes. Poses follow all cameras, so that
 //! one that is a little late draws them to itself: of few ticks some are missing here, of many none.
 
-mod jump;
-mod moments;
 mod sighted;
 
 use farfield_proto::order_statistics::upper_median;
+use farfield_proto::tick::Tick;
 use nalgebra::Vector2;
 
-use self::jump::MIN_MOMENTS;
-pub(in crate::camera_agreement) use self::jump::PoseJump;
-pub(super) use self::moments::jumps_apart;
 pub(super) use self::sighted::{Projected, Sighted};
 
 use super::super::geometry::SightLines;
@@ -50,6 +46,10 @@ const DIFFERENCE: f64 = 0.03;
 const MIN_COMPARED_IN_HALF: usize = 50;
 const EXPLAINS_IN_HALF: f64 = 0.85;
 const FITS_IN_HALF: f64 = 0.45;
+
+/// Fewest moments at which passes must tell of a shift, and from one to the next so many kept poses: half a second.
+const MIN_MOMENTS: usize = 3;
+const MOMENT_POSES: i64 = 12;
 
 /// What is known of a camera's time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -153,16 +153,6 @@ impl<'a> Search<'a> {
             ratio: least / before.unwrap_or(middle).max(least),
             is_steady: self.is_steady(own),
         })
-    }
-
-    /// What sightings cost beside where people were so many ticks before, as a factor of what they do beside where people are.
-    pub(super) fn cost_of_shift(&self, late_ticks: f64) -> Option<f64> {
-        let seen = self.sighted(KeypointHalf::All, self.passes);
-        let poses = (late_ticks / self.every as f64).round() as isize;
-        let [(now, n_now), (then, n_then)] = [0, poses].map(|shift| self.cost_at(&seen, shift));
-        let is_known = n_now.min(n_then) >= MIN_COMPARED_IN_HALF;
-        let now = (now / n_now as f64).max(f64::MIN_POSITIVE);
-        is_known.then(|| then / n_then as f64 / now)
     }
 
     /// The mean cost by shift, from `-reach` on; not a number where too little is known, or where it is not the least.
@@ -276,21 +266,16 @@ impl<'a> Search<'a> {
         explains(first) && explains(second)
     }
 
-    pub(super) fn cost_now(&self) -> Option<f64> {
-        let (mut sum, mut n) = (0.0, 0);
-        for pass in self.passes {
-            let people = self.people_at(pass, 0);
-            for body in pass.surest(self.camera) {
-                let seen = Sighted::of(body, KeypointHalf::All);
-                let near = seen
-                    .and_then(|seen| Some((seen.cost_near(people?, self.focal_px)?, seen.len())));
-                if let Some((cost, keypoints)) = near {
-                    sum += cost * keypoints as f64;
-                    n += keypoints;
-                }
+    /// How many of these ticks are so far from each other that poses between them tell more than one of them.
+    fn moments<'t>(&self, ticks: impl Iterator<Item = &'t Tick>) -> usize {
+        let mut moments: Vec<Tick> = Vec::new();
+        for &tick in ticks {
+            let last = moments.last();
+            if last.is_none_or(|last| tick - *last >= MOMENT_POSES * self.every) {
+                moments.push(tick);
             }
         }
-        (n >= MIN_COMPARED).then(|| sum / n as f64)
+        moments.len()
     }
 
     /// The least cost of some keypoints beside a shift, with the fraction of the parabola through it, poses.
@@ -353,7 +338,6 @@ pub(in crate::camera_agreement) fn against_most(
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::tick::Tick;
     use nalgebra::Vector3;
 
     use super::super::super::samples::SeenKeypoint;
@@ -405,27 +389,6 @@ mod tests {
     fn passes_in_a_row_tell_of_no_shift_that_lasts() {
         assert!(is_steady((0..8).map(|pass| 12 * pass)));
         assert!(!is_steady(0..8));
-    }
-
-    #[test]
-    fn sightings_speak_against_a_shift_by_which_somebody_was_elsewhere() {
-        let passes = || (0..8).map(|pass| 50 + 8 * pass);
-        let against = |late: i64| {
-            let seen = |search: &Search<'_>| search.cost_of_shift(40.0);
-            told(walking, (passes(), -late), seen)
-        };
-        assert!(against(0).is_some_and(|factor| factor > 2.0));
-        assert!(against(40).is_some_and(|factor| factor < 0.5));
-        // Who walks on the spot was nowhere else.
-        let on_the_spot = |tick: i64| walking(tick.rem_euclid(2));
-        let seen = |search: &Search<'_>| search.cost_of_shift(40.0);
-        let factor = told(on_the_spot, (passes(), 0), seen);
-        assert!(
-            factor.is_some_and(|factor| (factor - 1.0).abs() < 0.1),
-            "{factor:?}"
-        );
-        // At most passes nobody was followed yet.
-        assert_eq!(told(walking, ((0..4).map(|pass| 11 * pass), 0), seen), None);
     }
 
     fn late(known: &[Option<f64>]) -> Vec<Option<f64>> {

@@ -4,9 +4,9 @@
 use std::collections::BTreeMap;
 
 use super::super::super::pairs::{CameraRays, PairAgreement, PictureChange};
-use super::super::super::report::{Disagreement, DisagreementCause};
+use super::super::super::report::DisagreementCause;
 use super::super::super::samples::{MIN_SCORE, PassSample};
-use super::super::{Judge, MIN_KEYPOINTS};
+use super::super::{Findings, Judge, MIN_KEYPOINTS};
 
 /// Which share of the bodies of a camera has mostly scores that are too low. Of right cameras of the Shelf 0.03 had, of the sample and
 /// four simulated scenes none.
@@ -21,7 +21,7 @@ const MOST_OTHERS: f64 = 0.5;
 
 impl Judge<'_> {
     /// Cameras that agree with others once keypoints count whatever their scores are, most of which are too low to count.
-    pub(in super::super) fn find_low_scores(&self, all: &mut Vec<Disagreement>, told: &mut [bool]) {
+    pub(in super::super) fn find_low_scores(&self, findings: &mut Findings) {
         let showing = self.showing().into_iter();
         let unsure: Vec<usize> = showing.filter(|&of| self.is_unsure(of)).collect();
         if unsure.is_empty() {
@@ -35,10 +35,8 @@ impl Judge<'_> {
         let share = self.share_of_low(&found);
         let is_all = found.len() == self.cameras.len();
         let of_all: &[usize] = if is_all { &[] } else { &found };
-        all.push(self.disagreement(of_all, DisagreementCause::LowScores { share }));
-        for camera in found {
-            told[camera] = true;
-        }
+        findings.name(self, of_all, DisagreementCause::LowScores { share });
+        findings.leave_out(&found);
     }
 
     fn is_unsure(&self, camera: usize) -> bool {

@@ -89,11 +89,6 @@ impl Change {
         shift: [0.0; 2],
     };
 
-    /// Whether it makes a mirror image of what is shown.
-    pub(super) fn is_reflection(&self) -> bool {
-        self.flipped[0] ^ self.flipped[1] ^ self.transposed
-    }
-
     /// Where a place of a picture of this size is meant, pixels.
     pub(super) fn of(&self, [x, y]: [f64; 2], size_px: &Vector2<f64>) -> [f32; 2] {
         let turned = if self.transposed { [y, x] } else { [x, y] };

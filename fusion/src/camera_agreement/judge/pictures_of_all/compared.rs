@@ -7,11 +7,10 @@ use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Vector2, Vector3};
 
 use super::super::super::JudgedCamera;
-use super::super::super::geometry::{SightLines, meeting, nearest_point_m};
+use super::super::super::geometry::{SightLines, meeting};
 use super::super::super::pairs::{EXTENT_M, HALF_COST_M, SAME_PERSON_COST};
 use super::super::super::samples::SeenBody;
 use super::change::{Change, Deed, tried};
-use crate::body::segment::nose_ahead;
 
 /// Of the keypoints every so many are, at first.
 const EVERY_KEYPOINTS: usize = 3;
@@ -23,12 +22,6 @@ const REFINED: usize = 2;
 const FIRST_STEP: f64 = 0.06;
 const ROUNDS: usize = 5;
 const SHORTER: f64 = 0.8;
-/// By which factor less a mixture of deeds must cost than one.
-const MIXED_HANDICAP: f64 = 1.3;
-
-/// Noses that must be ahead of the shoulders, and how many times as many as are behind.
-const MIN_NOSES: usize = 3;
-const NOSES_AHEAD: usize = 2;
 
 /// Whom a camera shows in a pass.
 pub(super) type Bodies<'a> = Vec<&'a SeenBody>;
@@ -89,15 +82,8 @@ impl Compared<'_> {
         };
         let refined = Deed::ALL.into_iter().flat_map(of_deed);
         let refined = refined.filter_map(|change| self.refined(change));
-        let refined =
-            refined.filter(|(change, _)| self.are_upright(change) && self.are_ahead(change));
-        let (one, of_one) = refined.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        // Lines of sight say little of one number beside another: what is simple is likely.
-        let mut mixed = one;
-        mixed.deed = Deed::Mixed;
-        let mixed = self.refined(mixed);
-        let is_better = |(_, cost): &(Change, f64)| MIXED_HANDICAP * cost < of_one;
-        Some(mixed.filter(is_better).unwrap_or((one, of_one)))
+        let upright = refined.filter(|(change, _)| self.are_upright(change));
+        upright.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// Whether those of whom shoulders and ankles are seen do not stand on their heads, most of them.
@@ -123,39 +109,6 @@ impl Compared<'_> {
             }
         }
         2 * upright >= all
-    }
-
-    /// Whether noses are ahead of shoulders, where it makes mirror images: two cameras that have each other's pictures show a mirrored
-    /// world, too, where all stand symmetrically.
-    fn are_ahead(&self, change: &Change) -> bool {
-        if !change.is_reflection() {
-            return true;
-        }
-        let (mut ahead, mut behind) = (0, 0);
-        for (centers_m, bodies) in self.met(change) {
-            let place_m = |name: &str| {
-                let keypoint = self.keypoints.index_of(name)?;
-                let rays = bodies.each_ref().map(|(rays, _)| rays[keypoint]);
-                let is_seen = rays.iter().all(|ray| ray.norm_squared() > 0.0);
-                let lines = centers_m.into_iter().zip(rays).filter(|_| is_seen);
-                nearest_point_m(lines)
-            };
-            let both = |left: &str, right: &str| Some([place_m(left)?, place_m(right)?]);
-            let part = || {
-                let shoulders_m = both("left_shoulder", "right_shoulder")?;
-                nose_ahead(
-                    place_m("nose")?,
-                    shoulders_m,
-                    both("left_hip", "right_hip")?,
-                )
-            };
-            match part() {
-                Some(part) if part > 0.0 => ahead += 1,
-                Some(_) => behind += 1,
-                None => {}
-            }
-        }
-        ahead >= MIN_NOSES.max(NOSES_AHEAD * behind)
     }
 
     /// Whom two cameras show, and where these are, world, metres: each sighting of the one with the one of the other that fits it.
