@@ -69,7 +69,7 @@ fn disagreement_of(camera: &str, moved_m: [f64; 3], turned_deg: [f64; 3]) -> Val
 }
 
 #[test]
-fn a_camera_that_was_moved_by_a_decimetre_is_told_with_how_far() {
+fn a_camera_moved_by_a_decimetre_is_reported_with_its_distance() {
     for (camera, moved_m) in CAMERAS.into_iter().zip([
         [0.1, 0.0, 0.0],
         [0.0, 0.1, 0.0],
@@ -93,7 +93,7 @@ fn a_camera_that_was_moved_by_a_decimetre_is_told_with_how_far() {
 }
 
 #[test]
-fn a_camera_that_was_moved_little_or_knocked_is_told_to_be_calibrated_where_it_stands() {
+fn the_remedy_for_small_displacements_is_calibration_in_place() {
     for (camera, moved_m, turned_deg) in [
         ("north-east", [0.05, 0.0, 0.0], [0.0, 0.0, 0.0]),
         ("north-west", [0.04, -0.05, 0.03], [0.5, 1.0, 0.4]),
@@ -107,7 +107,7 @@ fn a_camera_that_was_moved_little_or_knocked_is_told_to_be_calibrated_where_it_s
 }
 
 #[test]
-fn a_world_that_is_tilted_is_told_by_how_much_to_a_degree() {
+fn a_tilted_world_is_reported_to_a_degree() {
     for axis in [Vector3::x(), -Vector3::y()] {
         let tilt = UnitQuaternion::from_scaled_axis(5.0_f64.to_radians() * axis);
         let disagreements =

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::{CAMERAS, MistakenSample};
 
 #[test]
-fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
+fn keypoints_exchanged_in_all_cameras_are_reported() {
     // COCO: 5 to 10 are shoulders, elbows and wrists, 11 to 16 hips, knees and ankles, left before right.
     type Exchange = fn(usize) -> usize;
     let cases: [(&str, Exchange); 7] = [
@@ -59,7 +59,7 @@ fn keypoints_that_are_exchanged_in_all_cameras_are_named() {
 }
 
 #[test]
-fn the_order_of_another_program_is_named_where_it_is_taken_for_that_of_the_card() {
+fn the_keypoint_order_of_openpose_is_recognised() {
     // The first 17 of BODY_25; its neck and the middle of its hips are at a shoulder and a hip here.
     const BODY_25: [usize; 17] = [0, 6, 6, 8, 10, 5, 7, 9, 12, 12, 14, 16, 11, 13, 15, 2, 1];
     let sample = MistakenSample::new().change(&CAMERAS, |k| BODY_25[k], |pixel| pixel);
@@ -70,7 +70,7 @@ fn the_order_of_another_program_is_named_where_it_is_taken_for_that_of_the_card(
 type Written = fn([f64; 2]) -> [f64; 2];
 
 #[test]
-fn keypoints_that_all_cameras_have_elsewhere_in_their_pictures_are_named() {
+fn image_changes_of_all_cameras_are_reported() {
     // Images of the sample have 1920 x 1200 pixels.
     let cases: [(Written, Value); 7] = [
         (|[x, y]| [x / 2.0, y / 2.0], json!([2.0, 2.0])),
@@ -100,7 +100,7 @@ fn keypoints_that_all_cameras_have_elsewhere_in_their_pictures_are_named() {
 }
 
 #[test]
-fn scores_that_are_one_less_what_they_should_be_are_told_of_one_camera_and_of_all() {
+fn inverted_scores_are_reported_of_one_camera_and_of_all() {
     for (cameras, cameras_reported) in [
         (&CAMERAS[1..2], json!([CAMERAS[1]])),
         (&CAMERAS[..], json!([])),
@@ -134,7 +134,7 @@ fn scores_that_are_one_less_what_they_should_be_are_told_of_one_camera_and_of_al
 type ShownLine = fn(usize) -> usize;
 
 #[test]
-fn frames_that_were_lost_or_doubled_in_the_middle_are_told_from_when_on() {
+fn frames_lost_or_doubled_midway_are_reported_with_their_tick() {
     // The camera is five ticks early or late from tick 60 on, or late until then.
     let shown: [(&str, ShownLine, [f64; 2]); 3] = [
         ("lost", |t| if t < 60 { t } else { t + 5 }, [0.0, -5.0]),

@@ -150,7 +150,7 @@ fn median_sigma_m(sample: &MistakenSample) -> f64 {
 }
 
 #[test]
-fn a_wrong_venue_does_not_look_sure() {
+fn a_wrong_venue_raises_the_standard_deviations() {
     let right = MistakenSample::new();
     right.run(&[]);
     let wrong = MistakenSample::new().swap("north-east", "north-west");
@@ -182,7 +182,7 @@ fn the_unchanged_sample_agrees_and_passes_strictly() {
 }
 
 #[test]
-fn swapped_sources_are_named_and_fail_strictly() {
+fn swapped_sources_are_reported_and_fail_strictly() {
     let sample = MistakenSample::new().swap("north-east", "north-west");
     sample.assert_printed(&["cameras north-east and north-west seem to be swapped"]);
     let summary = fs::read_to_string(sample.path("out/summary.json")).unwrap();
@@ -209,7 +209,7 @@ fn swapped_sources_are_named_and_fail_strictly() {
 }
 
 #[test]
-fn whichever_two_sources_are_swapped_they_are_named() {
+fn any_two_swapped_sources_are_reported() {
     // Opposite cameras show a mirrored room in which all lines of sight still meet.
     for (index, a) in CAMERAS.into_iter().enumerate() {
         for b in CAMERAS.into_iter().skip(index + 1) {
@@ -229,14 +229,14 @@ fn whichever_two_sources_are_swapped_they_are_named() {
 }
 
 #[test]
-fn a_late_source_is_named_with_its_lateness() {
+fn a_late_source_is_reported_with_its_delay() {
     MistakenSample::new()
         .late("south-west", 3)
         .assert_printed(&["camera south-west is ", " ms) late against the others"]);
 }
 
 #[test]
-fn a_source_that_is_seconds_late_is_told_of_however_short_the_recording_is() {
+fn a_source_seconds_late_is_reported_in_a_short_recording() {
     for ticks in [30, 90] {
         MistakenSample::new()
             .late("south-west", ticks)
@@ -248,7 +248,7 @@ fn a_source_that_is_seconds_late_is_told_of_however_short_the_recording_is() {
 }
 
 #[test]
-fn lenses_that_are_not_as_calibrated_are_named() {
+fn wrong_lens_distortions_are_reported() {
     let lens = "[-0.08, 0.02, 0.0, 0.0, 0.0]";
     MistakenSample::new()
         .replace("calibration.toml", |text| {
@@ -269,7 +269,7 @@ fn lenses_that_are_not_as_calibrated_are_named() {
 }
 
 #[test]
-fn mirrored_and_upside_down_sources_are_named() {
+fn mirrored_and_upside_down_sources_are_reported() {
     let mirror: fn([f64; 2]) -> [f64; 2] = |[x, y]| [SIZE_PX[0] - 1.0 - x, y];
     MistakenSample::new()
         .change(&["south-east"], |k| OTHER_SIDE[k], mirror)
@@ -281,7 +281,7 @@ fn mirrored_and_upside_down_sources_are_named() {
 }
 
 #[test]
-fn a_file_of_keypoints_that_are_elsewhere_in_their_picture_is_named_with_where() {
+fn a_camera_with_changed_pixel_coordinates_is_reported() {
     let exchanged: fn([f64; 2]) -> [f64; 2] = |[x, y]| [y, x];
     let halved: fn([f64; 2]) -> [f64; 2] = |[x, y]| [0.5 * x, 0.5 * y];
     let below: fn([f64; 2]) -> [f64; 2] = |[x, y]| [x, SIZE_PX[1] - 1.0 - y];
@@ -300,7 +300,7 @@ fn a_file_of_keypoints_that_are_elsewhere_in_their_picture_is_named_with_where()
 }
 
 #[test]
-fn a_file_with_its_keypoints_in_another_order_is_named() {
+fn a_camera_with_another_keypoint_order_is_reported() {
     MistakenSample::new()
         .change(&["south-east"], |k| OTHER_SIDE[k], |pixel| pixel)
         .assert_printed(&["left and right are exchanged in the keypoints of camera south-east"]);
@@ -311,7 +311,7 @@ fn a_file_with_its_keypoints_in_another_order_is_named() {
 }
 
 #[test]
-fn a_source_that_two_cameras_have_is_named() {
+fn a_source_used_by_two_cameras_is_reported() {
     let mut sample = MistakenSample::new();
     let shown = sample.lines["north-east"].clone();
     sample.lines.insert("south-east", shown);
@@ -319,7 +319,7 @@ fn a_source_that_two_cameras_have_is_named() {
 }
 
 #[test]
-fn a_calibration_in_another_unit_is_told_by_the_size_of_people() {
+fn people_reveal_a_calibration_in_another_unit() {
     let scaled = |text: &str, factor: f64| {
         let lines = text
             .lines()
@@ -347,7 +347,7 @@ fn a_calibration_in_another_unit_is_told_by_the_size_of_people() {
 }
 
 #[test]
-fn a_floor_that_is_elsewhere_is_told_by_the_feet_of_people() {
+fn feet_reveal_a_wrong_floor_height() {
     MistakenSample::new()
         .replace("venue.toml", |text| {
             text.replace("2.4]", "2.4]\nfloor_m = 0.5")
@@ -366,7 +366,7 @@ fn a_floor_that_is_elsewhere_is_told_by_the_feet_of_people() {
 }
 
 #[test]
-fn focal_lengths_of_all_cameras_that_are_wrong_are_told_by_their_factor() {
+fn wrong_focal_lengths_of_all_cameras_are_reported_with_their_factor() {
     for (written, words) in [("1155.0", "to be 0.9"), ("1575.0", "to be 0.6")] {
         MistakenSample::new()
             .replace("calibration.toml", |text| text.replace("1050.0", written))
@@ -378,7 +378,7 @@ fn focal_lengths_of_all_cameras_that_are_wrong_are_told_by_their_factor() {
 }
 
 #[test]
-fn a_recording_that_stands_still_to_its_end_is_named() {
+fn a_camera_that_freezes_to_the_end_is_reported() {
     let mut sample = MistakenSample::new();
     let lines = sample.lines.get_mut("north-west").unwrap();
     let stopped = lines[20]["persons"].clone();
@@ -404,7 +404,7 @@ fn people_outside_the_field_are_reported() {
 }
 
 #[test]
-fn why_nobody_was_found_is_said() {
+fn runs_without_people_report_the_reason() {
     MistakenSample::new()
         .replace("venue.toml", |text| {
             // The middle of a body is above 0.3 m.

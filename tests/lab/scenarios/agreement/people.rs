@@ -22,7 +22,7 @@ fn scaled(text: &str, factor: f64) -> String {
 }
 
 #[test]
-fn a_scale_that_is_a_fifth_off_is_told_by_the_statures_of_everybody() {
+fn statures_reveal_a_scale_off_by_a_fifth() {
     for factor in [0.8, 1.2] {
         let sample = MistakenSample::new().replace("calibration.toml", |text| scaled(text, factor));
         let disagreements = sample.disagreements();
@@ -47,7 +47,7 @@ fn a_scale_that_is_a_fifth_off_is_told_by_the_statures_of_everybody() {
 }
 
 #[test]
-fn a_floor_that_is_a_hands_breadth_off_is_told_by_ankles() {
+fn ankles_reveal_a_floor_off_by_13_centimetres() {
     for floor_m in [0.13, 0.2, -0.16, -0.2] {
         let sample = MistakenSample::new().replace("venue.toml", |text| {
             text.replace("2.4]", &format!("2.4]\nfloor_m = {floor_m}"))
@@ -61,7 +61,7 @@ fn a_floor_that_is_a_hands_breadth_off_is_told_by_ankles() {
 }
 
 #[test]
-fn lenses_that_are_called_fisheyes_are_named_alone_and_together() {
+fn lenses_wrongly_declared_fisheye_are_reported() {
     let all = MistakenSample::new().replace("calibration.toml", |text| {
         text.replace("0.0, 0.0, 0.0]\nrotation", "0.0, 0.0]\nrotation")
             .replace("fisheye = false", "fisheye = true")

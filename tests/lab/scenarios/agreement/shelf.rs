@@ -159,7 +159,7 @@ fn points_of(value: &mut Value, each: &mut impl FnMut(&mut Vec<Value>)) {
 }
 
 #[test]
-fn a_camera_that_is_late_among_people_who_hardly_move_is_named() {
+fn a_late_camera_is_reported_although_people_hardly_move() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -180,7 +180,7 @@ fn a_camera_that_is_late_among_people_who_hardly_move_is_named() {
 }
 
 #[test]
-fn lenses_that_are_not_as_calibrated_are_named() {
+fn wrong_lens_distortions_are_reported() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -205,7 +205,7 @@ fn lenses_that_are_not_as_calibrated_are_named() {
 }
 
 #[test]
-fn a_camera_that_goes_black_or_never_shows_anybody_is_named() {
+fn a_black_camera_is_reported() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -226,7 +226,7 @@ fn a_camera_that_goes_black_or_never_shows_anybody_is_named() {
 }
 
 #[test]
-fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_with_its_half_of_the_time() {
+fn a_camera_knocked_or_zoomed_midway_is_reported_with_the_ticks() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -253,7 +253,7 @@ fn a_camera_that_is_knocked_or_zoomed_meanwhile_is_named_with_its_half_of_the_ti
 }
 
 #[test]
-fn two_cameras_that_were_exchanged_meanwhile_are_named_with_their_half_of_the_time() {
+fn two_cameras_swapped_midway_are_reported_with_the_ticks() {
     let Some(shelf) = Shelf::new() else {
         return;
     };
@@ -270,7 +270,7 @@ fn two_cameras_that_were_exchanged_meanwhile_are_named_with_their_half_of_the_ti
 }
 
 #[test]
-fn two_of_five_cameras_that_are_late_by_one_time_are_both_named() {
+fn two_of_five_cameras_with_the_same_delay_are_both_reported() {
     let Some(shelf) = Shelf::new() else {
         return;
     };

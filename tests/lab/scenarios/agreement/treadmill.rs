@@ -101,7 +101,7 @@ impl Treadmill {
 }
 
 #[test]
-fn swapped_pairs_are_named_within_half_a_second() {
+fn swapped_pairs_are_reported_within_half_a_second() {
     let Some(treadmill) = Treadmill::new() else {
         return;
     };
@@ -143,7 +143,7 @@ fn a_shift_in_time_is_found_to_a_fifth_of_a_tick() {
 }
 
 #[test]
-fn mirrored_and_upside_down_videos_are_named() {
+fn mirrored_and_upside_down_videos_are_reported() {
     let Some(treadmill) = Treadmill::new() else {
         return;
     };
