@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use farfield_edge::node::EdgeArgs;
-use farfield_fusion::node::RecordArgs;
+use farfield_fusion_node::RecordArgs;
 use farfield_node::command_line::{self, is_file, is_venue};
 use farfield_node::process::{EXIT_REFUSED, say, say_json};
 

@@ -60,7 +60,7 @@ pub fn main() -> ExitCode {
             farfield_edge::node::main(args, Arc::new(VenueSources::default()))
         }
         FarfieldCommand::Fusion(args) => listeners::fusion(args),
-        FarfieldCommand::Record(args) => farfield_fusion::node::record(args),
+        FarfieldCommand::Record(args) => farfield_fusion_node::record(args),
         FarfieldCommand::Status(args) => {
             exit_code_with_format(status::status(&args), ErrorFormat::as_json_if(args.json))
         }

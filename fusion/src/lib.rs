@@ -18,7 +18,7 @@
 //!
 //! [`method`] has the data that all persons of a venue share, [`assign`] assigns one set to
 //! another. All of these compute and never wait: no clock, no socket, no lock. `recording` (feature
-//! `recording`) reads and writes recordings. `node` (feature `node`) is the shell, which owns
+//! `recording`) reads and writes recordings. The crate `fusion/node` is the shell, which owns
 //! Zenoh, time, threads and files. This crate never sees an image.
 
 pub mod align;
@@ -32,8 +32,6 @@ pub mod identity;
 pub mod journal;
 pub mod live;
 pub mod method;
-#[cfg(feature = "node")]
-pub mod node;
 pub mod pipeline;
 #[cfg(feature = "recording")]
 pub mod recording;

@@ -17,7 +17,7 @@ use std::thread;
 
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::export::unfinished::write_whole;
-use farfield_fusion::node::{RecordedRun, ReplayArgs};
+use farfield_fusion_node::{RecordedRun, ReplayArgs};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::patch::CompressionLevel;
 use farfield_sim::recorded_venue::{RATE_HZ, RecordedVenue, VenueSize};

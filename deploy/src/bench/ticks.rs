@@ -3,8 +3,8 @@
 
 use std::time::Instant;
 
-use farfield_fusion::node::RecordedRun;
 use farfield_fusion::pipeline::{Pipeline, Stage};
+use farfield_fusion_node::RecordedRun;
 use farfield_node::clock;
 use farfield_sim::recorded_venue::RecordedVenue;
 

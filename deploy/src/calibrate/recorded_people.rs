@@ -11,10 +11,10 @@ use farfield_calibration::people::{
     DetectedFrame, Detection, Keypoint, MOST_KEYPOINTS, PeopleCamera, PeopleRequest, Thinning,
 };
 use farfield_calibration::points::Timing;
-use farfield_fusion::node::{recorded_venue, without_end};
 use farfield_fusion::pipeline::Pipeline;
 use farfield_fusion::recording::is_ours;
 use farfield_fusion::recording::reader::{AnySet, Recording};
+use farfield_fusion_node::{recorded_venue, without_end};
 use farfield_node::process::say;
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Pixel;

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
-use farfield_fusion::node::{check_names, load_subjects};
+use farfield_fusion_node::{check_names, load_subjects};
 use farfield_node::log::start_log;
 use farfield_node::process::{ErrorFormat, NodeError, exit_code_with_format};
 use farfield_proto::calibration::Calibration;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use farfield_edge::node::load_networks;
-use farfield_fusion::node::{check_detector, check_given_keypoints, load_card};
+use farfield_fusion_node::{check_detector, check_given_keypoints, load_card};
 use farfield_proto::venue::Venue;
 
 use crate::report_lines::ReportLines;

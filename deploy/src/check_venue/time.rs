@@ -4,7 +4,7 @@ use std::path::Path;
 
 use farfield_edge::live::timecode::Timecode;
 use farfield_edge::source::{SourceError, SourceInfo, common_ticks};
-use farfield_fusion::node::{check_given_ticks, check_live_or_recorded};
+use farfield_fusion_node::{check_given_ticks, check_live_or_recorded};
 use farfield_proto::venue::{TickFrom, Venue};
 use time::{Date, Month, PrimitiveDateTime, Time};
 

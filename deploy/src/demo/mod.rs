@@ -12,7 +12,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use farfield_fusion::node::{FolderClaim, is_for_many};
+use farfield_fusion_node::{FolderClaim, is_for_many};
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, exit_code};
 use farfield_page::server::Token;

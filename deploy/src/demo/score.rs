@@ -7,7 +7,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use farfield_fusion::body::skeleton::{Joint, Joints};
-use farfield_fusion::node::Body;
+use farfield_fusion_node::Body;
 use farfield_proto::tick::Tick;
 use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
 use farfield_score::points::{LIMB_POINTS, PointSet};

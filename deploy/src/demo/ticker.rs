@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use farfield_edge::pipeline::BeyondView;
-use farfield_fusion::node::{Body, Progress};
+use farfield_fusion_node::{Body, Progress};
 use farfield_proto::tick::Tick;
 use tokio::time::Instant;
 

@@ -9,7 +9,7 @@ use farfield_export::edits::EditList;
 use farfield_export::{EditsFile, ExportError};
 use farfield_fusion::export::salvage::SMOOTH;
 use farfield_fusion::export::unfinished::temporary;
-use farfield_fusion::node::{is_written_to, was_killed};
+use farfield_fusion_node::{is_written_to, was_killed};
 use farfield_node::process::say;
 
 /// File names of the poses and the summary of a run.
@@ -233,7 +233,7 @@ fn end_of_lines(file: &mut (impl Read + Seek), length: u64) -> io::Result<u64> {
 mod tests {
     use std::fs;
 
-    use farfield_fusion::node::FolderClaim;
+    use farfield_fusion_node::FolderClaim;
 
     use super::*;
 

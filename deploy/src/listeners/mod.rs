@@ -20,7 +20,7 @@ use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
 
 use clap::Args;
-use farfield_fusion::node::{
+use farfield_fusion_node::{
     FusionArgs, Listeners, OpenListeners, Opening, ReplayArgs, RunAtItsStart, Wiretap,
 };
 use farfield_node::process::{NodeError, exit_code, say};
@@ -132,7 +132,7 @@ pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
         begun: Arc::clone(&begun),
         drawn: args.overlay.clone().flatten(),
     });
-    let code = farfield_fusion::node::replay(&args.replay, listeners, crate::output::print);
+    let code = farfield_fusion_node::replay(&args.replay, listeners, crate::output::print);
     if let Some(out) = later.get()
         && code == ExitCode::SUCCESS
         && let Err(error) = replayed::carry(&args.replay.file, out)
@@ -152,7 +152,7 @@ pub(crate) fn replay(args: ReplayCommandArgs) -> ExitCode {
 
 /// Runs a fusion node with its outputs.
 pub(crate) fn fusion(args: FusionCommandArgs) -> ExitCode {
-    farfield_fusion::node::main_with(args.fusion, Box::new(args.listeners))
+    farfield_fusion_node::main_with(args.fusion, Box::new(args.listeners))
 }
 
 impl OpenListeners for ListenerArgs {

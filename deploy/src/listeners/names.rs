@@ -15,7 +15,7 @@ use farfield_export::EditsFile;
 use farfield_export::edits::change::check_name;
 use farfield_export::edits::{Change, EditList, Identities};
 use farfield_fusion::export::unfinished::write_whole_again;
-use farfield_fusion::node::{CopiedMessage, CopiedStep, Wiretap};
+use farfield_fusion_node::{CopiedMessage, CopiedStep, Wiretap};
 use farfield_node::files::read_text_bounded;
 use farfield_node::process::{NodeError, say};
 use farfield_page::{Action, ActionKind, PageActions, PageState};

@@ -7,9 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, anyhow};
 use farfield_fusion::body::skeleton::angles::{FIRST_JOINT_ANGLE, is_translation};
 use farfield_fusion::body::skeleton::{ANGLE_NAMES, Joint, RangeOfMotion};
-use farfield_fusion::node::{
-    CopiedMessage, CopiedStep, RecordingsOnDemand, RunAtItsStart, Wiretap,
-};
+use farfield_fusion_node::{CopiedMessage, CopiedStep, RecordingsOnDemand, RunAtItsStart, Wiretap};
 use farfield_node::process::NodeError;
 use farfield_page::qr::terminal_code;
 use farfield_page::server::{self, HasKeys, Keys, ServerError, Token};

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
-use farfield_fusion::node::{RecordingOnDemand, RecordingsOnDemand};
+use farfield_fusion_node::{RecordingOnDemand, RecordingsOnDemand};
 use farfield_page::protocol::status::RecordingState;
 use farfield_page::{Action, ActionKind, PageActions, PageState};
 use tokio::task::spawn_blocking;

@@ -18,7 +18,7 @@ use farfield_export::run::PoseLine;
 use farfield_export::run::line::for_each_line;
 use farfield_fusion::body::skeleton::Joint;
 use farfield_fusion::export::unfinished::write_whole;
-use farfield_fusion::node::{OpenListeners, Opening, ReplayedRecording, RunAtItsStart};
+use farfield_fusion_node::{OpenListeners, Opening, ReplayedRecording, RunAtItsStart};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::tick::Tick;
 use farfield_proto::toml_file::FileError;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use farfield_fusion::node::{CopiedMessage, CopiedStep, RunAtItsStart, Wiretap};
+use farfield_fusion_node::{CopiedMessage, CopiedStep, RunAtItsStart, Wiretap};
 use farfield_node::process::NodeError;
 use farfield_proto::key::Keys;
 use farfield_proto::message::PoseSet;

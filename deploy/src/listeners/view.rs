@@ -9,9 +9,9 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::Args;
-use farfield_fusion::node::{open_recording, recorded_venue};
 use farfield_fusion::pipeline::Pipeline;
 use farfield_fusion::recording::messages::MessagesInTime;
+use farfield_fusion_node::{open_recording, recorded_venue};
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, exit_code, say};
 use farfield_page::{PageActions, PageOptions, PageState, RecordedMessages};

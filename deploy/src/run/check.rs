@@ -8,7 +8,7 @@ use anyhow::{Context as _, anyhow, bail};
 use farfield_edge::node::{Networks, load_networks, probe_sources};
 use farfield_edge::source::{SourceError, SourceInfo, common_ticks};
 use farfield_fusion::export::unfinished::write_whole;
-use farfield_fusion::node::{
+use farfield_fusion_node::{
     check_calibration, check_detector, check_folder, check_given_keypoints, check_given_ticks,
     check_live_or_recorded, check_names, check_place, check_viewpoints, load_card, load_subjects,
     of_values,

@@ -15,7 +15,7 @@ mod watch;
 use std::path::Path;
 use std::process::ExitCode;
 
-use farfield_fusion::node::FolderClaim;
+use farfield_fusion_node::FolderClaim;
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, ErrorFormat, NodeError, exit_code_with_format, say};
 

@@ -4,7 +4,7 @@ use std::io::{IsTerminal as _, stderr};
 use std::ops::Range;
 use std::time::Duration;
 
-use farfield_fusion::node::{LinkProgress, Progress};
+use farfield_fusion_node::{LinkProgress, Progress};
 use farfield_node::process::say;
 use farfield_proto::message::live::EdgeLink;
 use farfield_proto::tick::Tick;

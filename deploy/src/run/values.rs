@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use farfield_fusion::node::with_values;
+use farfield_fusion_node::with_values;
 use toml::{Table, Value};
 
 /// The venue file at `path` with the values of `set`. Paths in it become absolute, so that the text can be saved

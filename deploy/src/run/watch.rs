@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use farfield_fusion::node::Report;
+use farfield_fusion_node::Report;
 use farfield_node::process::{EXIT_REFUSED, NodeError};
 use farfield_proto::tick::Tick;
 use tokio::process::ChildStdin;

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
-use farfield_fusion::node::check_folder;
+use farfield_fusion_node::check_folder;
 use farfield_node::files::load_venue;
 use farfield_node::log::start_log;
 use farfield_node::process::{Ending, NodeError, exit_code, say};

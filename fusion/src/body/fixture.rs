@@ -1,5 +1,7 @@
 //! Bodies in everyday postures, and noise, for tests.
 
+#![allow(clippy::unwrap_used, reason = "a test that fails may panic")]
+
 use std::f64::consts::TAU;
 
 use farfield_proto::keypoints::KeypointSet;
@@ -11,11 +13,14 @@ use super::skeleton::dof::{DofGroup, first_of};
 use super::skeleton::{Joint, Kinematics, Pose, Proportions, Side, Skeleton};
 
 /// Pseudo-random numbers that are the same on every run.
-pub(crate) struct Noise(pub(crate) u64);
+pub struct Noise(
+    /// The state.
+    pub u64,
+);
 
 impl Noise {
     /// Uniform in 0..1 (splitmix64).
-    pub(crate) fn uniform(&mut self) -> f64 {
+    pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -24,18 +29,18 @@ impl Noise {
     }
 
     /// Normal with mean 0 and sigma 1 (twelve uniforms, cut at 6 sigma).
-    pub(crate) fn normal(&mut self) -> f64 {
+    pub fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
     }
 
     /// Three independent normals of `sigma`.
-    pub(crate) fn vector(&mut self, sigma: f64) -> Vector3<f64> {
+    pub fn vector(&mut self, sigma: f64) -> Vector3<f64> {
         Vector3::from_fn(|_, _| self.normal() * sigma)
     }
 }
 
 /// The 29 joints of a person of `skeleton` in `pose`, all with weight 1.
-pub(crate) fn joints(skeleton: &Skeleton, pose: &Pose) -> ObservedJoints {
+pub fn joints(skeleton: &Skeleton, pose: &Pose) -> ObservedJoints {
     let mut kinematics = Kinematics::default();
     skeleton.forward(pose, &mut kinematics);
     let mut observed = ObservedJoints::default();
@@ -46,7 +51,7 @@ pub(crate) fn joints(skeleton: &Skeleton, pose: &Pose) -> ObservedJoints {
 }
 
 /// `body` with the 17 COCO keypoints alone, each moved by `moved`.
-pub(crate) fn coco_only(
+pub fn coco_only(
     body: &ObservedJoints,
     mut moved: impl FnMut(Vector3<f64>) -> Vector3<f64>,
 ) -> ObservedJoints {
@@ -60,7 +65,7 @@ pub(crate) fn coco_only(
 
 /// `n` people in the middle of the hall, with any heading and any everyday posture of arms and
 /// legs; spine and scapulas at rest.
-pub(crate) fn postures(n: usize, noise: &mut Noise) -> Vec<Pose> {
+pub fn postures(n: usize, noise: &mut Noise) -> Vec<Pose> {
     (0..n).map(|_| posture(noise)).collect()
 }
 
@@ -82,7 +87,7 @@ fn posture(noise: &mut Noise) -> Pose {
 }
 
 /// The 17 COCO keypoints of `body`.
-pub(crate) fn coco(body: &ObservedJoints) -> Vec<Vector3<f64>> {
+pub fn coco(body: &ObservedJoints) -> Vec<Vector3<f64>> {
     let names = KeypointSet::coco17();
     names
         .names()
@@ -92,7 +97,7 @@ pub(crate) fn coco(body: &ObservedJoints) -> Vec<Vector3<f64>> {
 }
 
 /// The keypoints of a person of `stature_m` standing at (`x`, `y`) in an everyday posture.
-pub(crate) fn standing(x: f64, y: f64, stature_m: f64, noise: &mut Noise) -> Vec<Vector3<f64>> {
+pub fn standing(x: f64, y: f64, stature_m: f64, noise: &mut Noise) -> Vec<Vector3<f64>> {
     let skeleton = Skeleton::new(&Proportions::from_stature(stature_m));
     let mut pose = posture(noise);
     for side in Side::BOTH {
@@ -104,7 +109,7 @@ pub(crate) fn standing(x: f64, y: f64, stature_m: f64, noise: &mut Noise) -> Vec
 }
 
 /// The profile of a body, as a run writes it.
-pub(crate) fn profile(body: &Proportions, sigma_m: f64) -> SubjectProfile {
+pub fn profile(body: &Proportions, sigma_m: f64) -> SubjectProfile {
     let mut kinematics = Kinematics::default();
     let pose = Pose::neutral(Vector3::zeros(), UnitQuaternion::identity());
     Skeleton::new(body).forward(&pose, &mut kinematics);
@@ -122,7 +127,8 @@ pub(crate) fn profile(body: &Proportions, sigma_m: f64) -> SubjectProfile {
     }
 }
 
-pub(crate) fn profile_text(profile: &SubjectProfile) -> String {
+/// The same as the text of its file.
+pub fn profile_text(profile: &SubjectProfile) -> String {
     let mut text = format!(
         "name = {:?}\nstature_m = {:?}\n",
         profile.name, profile.stature_m

@@ -11,8 +11,8 @@
 
 pub mod determined;
 pub mod fit;
-#[cfg(test)]
-pub(crate) mod fixture;
+#[cfg(any(test, feature = "fixtures"))]
+pub mod fixture;
 pub mod ik;
 mod limbs;
 pub mod measured;

@@ -65,7 +65,7 @@ pub(super) fn patiently<T>(
 }
 
 /// Whether deleting files would remove the error.
-pub(crate) fn is_full(error: &io::Error) -> bool {
+pub fn is_full(error: &io::Error) -> bool {
     matches!(
         error.kind(),
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded

@@ -10,7 +10,8 @@ use farfield_proto::tick::Tick;
 
 use super::{AngleColumn, Layout};
 
-pub(crate) fn layout() -> Layout {
+/// Its columns.
+pub fn layout() -> Layout {
     let knee = AngleColumn {
         range_rad: Some([0.0, 2.268_928]),
         ..AngleColumn::named("knee_angle_l")
@@ -27,7 +28,8 @@ pub(crate) fn layout() -> Layout {
     }
 }
 
-pub(crate) fn pose(person: u32, state: PersonState) -> PersonPose {
+/// Its pose at any tick.
+pub fn pose(person: u32, state: PersonState) -> PersonPose {
     PersonPose {
         person: PersonId(person),
         state,
@@ -40,7 +42,8 @@ pub(crate) fn pose(person: u32, state: PersonState) -> PersonPose {
     }
 }
 
-pub(crate) fn poses(tick: i64, persons: &[(u32, PersonState)]) -> PoseSet {
+/// Several of them at a tick.
+pub fn poses(tick: i64, persons: &[(u32, PersonState)]) -> PoseSet {
     PoseSet {
         session: SessionId(1),
         tick: Tick(tick),
@@ -50,9 +53,12 @@ pub(crate) fn poses(tick: i64, persons: &[(u32, PersonState)]) -> PoseSet {
 
 /// The work that fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Work {
+pub enum Work {
+    /// Writing bytes.
     Write,
+    /// Bringing bytes to the disk.
     Sync,
+    /// Joining two files.
     Join,
 }
 
@@ -64,12 +70,15 @@ thread_local! {
 }
 
 /// Makes the next `times` of `work` on files whose name begins with `name` fail.
-pub(crate) fn fail(name: &'static str, work: Work, times: u32) {
+pub fn fail(name: &'static str, work: Work, times: u32) {
     FAILING.set(Some((name, work, times)));
 }
 
 /// Fails if requested.
-pub(crate) fn check(path: &Path, work: Work) -> io::Result<()> {
+///
+/// # Errors
+/// The error that [`fail`] has asked for.
+pub fn check(path: &Path, work: Work) -> io::Result<()> {
     FAILING.with_borrow_mut(|failing| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         match failing {

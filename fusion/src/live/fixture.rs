@@ -5,10 +5,11 @@ use farfield_proto::message::{PatchSet, PersonPatch};
 use farfield_proto::patch::EncodedMaps;
 use farfield_proto::tick::Tick;
 
-pub(crate) const SESSION: SessionId = SessionId(7);
+/// The session of all sets.
+pub const SESSION: SessionId = SessionId(7);
 
 /// A set without persons.
-pub(crate) fn patches(tick: i64, viewpoint: u16, part: u16, parts: u16) -> PatchSet {
+pub fn patches(tick: i64, viewpoint: u16, part: u16, parts: u16) -> PatchSet {
     PatchSet {
         session: SESSION,
         tick: Tick(tick),
@@ -22,7 +23,7 @@ pub(crate) fn patches(tick: i64, viewpoint: u16, part: u16, parts: u16) -> Patch
 }
 
 /// The smallest patch.
-pub(crate) fn patch(person: u32) -> PersonPatch {
+pub fn patch(person: u32) -> PersonPatch {
     PersonPatch {
         person: PersonId(person),
         camera: CameraIndex(0),
@@ -40,7 +41,7 @@ pub(crate) fn patch(person: u32) -> PersonPatch {
 }
 
 /// The set with a patch of each of `persons`.
-pub(crate) fn of_persons(mut set: PatchSet, persons: std::ops::Range<u32>) -> PatchSet {
+pub fn of_persons(mut set: PatchSet, persons: std::ops::Range<u32>) -> PatchSet {
     set.persons = persons.map(patch).collect();
     set
 }

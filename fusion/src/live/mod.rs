@@ -2,14 +2,14 @@
 //! state of every edge's clock and link, and how far ahead its boxes are made.
 //!
 //! No clock here: times are arguments, as [`Micros`] of the venue's clock, and the same calls give
-//! the same results. The shell that reads the clock and the sockets is `node::live`.
+//! the same results. The shell that reads the clock and the sockets is `live` in the crate `fusion/node`.
 
 pub mod arrivals;
 pub mod cameras;
 pub mod common_plan;
 pub mod edge;
-#[cfg(test)]
-pub(crate) mod fixture;
+#[cfg(any(test, feature = "fixtures"))]
+pub mod fixture;
 pub mod gather;
 pub mod horizon;
 pub mod late_detections;

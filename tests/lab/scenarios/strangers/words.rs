@@ -1,6 +1,6 @@
 //! Reasons for refusals are known only from Zenoh's log. These tests provoke every refusal over both encrypted
 //! transports. If Zenoh or TLS changes its wording, they fail: update the word lists in
-//! `fusion/src/node/session/authentication_log.rs` and `edge/src/node/attempts.rs`.
+//! `fusion/node/src/session/authentication_log.rs` and `edge/src/node/attempts.rs`.
 
 use std::net::{TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};

@@ -6,12 +6,13 @@ use super::{check, root, workspace};
 
 /// Allowed dependencies of each package in the workspace, in any table of its manifest. Edge and fusion are independent of
 /// each other, and no product package depends on the laboratory. All names except `farfield` begin with `farfield-`.
-const MAY_DEPEND_ON: [(&str, &[&str]); 14] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 15] = [
     ("proto", &[]),
     ("node", &["proto"]),
     ("calibration", &["proto"]),
     ("edge", &["proto", "node"]),
-    ("fusion", &["proto", "node"]),
+    ("fusion", &["proto"]),
+    ("fusion-node", &["proto", "node", "fusion"]),
     ("export", &["proto", "fusion"]),
     ("streams", &["proto", "fusion", "export"]),
     ("import", &["proto", "calibration"]),
@@ -26,6 +27,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 14] = [
             "calibration",
             "edge",
             "fusion",
+            "fusion-node",
             "export",
             "streams",
             "import",
@@ -42,6 +44,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 14] = [
             "calibration",
             "edge",
             "fusion",
+            "fusion-node",
             "export",
             "import",
             "page",

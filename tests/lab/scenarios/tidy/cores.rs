@@ -11,14 +11,12 @@ const CORES: [&str; 5] = [
     "bridges/export/src/",
 ];
 /// Shells in the folders of the cores. Everything else uses no file, socket, clock or runtime.
-const SHELLS: [&str; 7] = [
+const SHELLS: [&str; 5] = [
     "edge/src/node",
     "edge/src/source",
     "edge/src/network",
     "edge/src/detector",
     "edge/src/main.rs",
-    "fusion/src/node",
-    "fusion/src/main.rs",
 ];
 /// Core files that write files, under a temporary name until they are finished.
 const WRITERS: [&str; 4] = [

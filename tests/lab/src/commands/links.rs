@@ -83,7 +83,7 @@ pub(crate) fn links(args: &LinksArgs) -> Result<(), NodeError> {
     check_arguments(args).map_err(NodeError::Refused)?;
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let folder = args.out.as_deref().unwrap_or(scratch.path());
-    farfield_fusion::node::check_folder(folder).map_err(NodeError::Refused)?;
+    farfield_fusion_node::check_folder(folder).map_err(NodeError::Refused)?;
     let mut report = LinkReport::new(args.seconds, args.settle);
     report.rows = rows(args, folder).map_err(NodeError::Failed)?;
     let text = if args.json {

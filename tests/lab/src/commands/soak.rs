@@ -68,7 +68,7 @@ pub(crate) struct SoakArgs {
 pub(crate) fn soak(args: &SoakArgs) -> Result<(), NodeError> {
     let scratch = tempfile::tempdir().map_err(NodeError::failed)?;
     let folder = args.out.as_deref().unwrap_or(scratch.path());
-    farfield_fusion::node::check_folder(folder).map_err(NodeError::Refused)?;
+    farfield_fusion_node::check_folder(folder).map_err(NodeError::Refused)?;
     let maps = make_maps(args.scene.as_deref(), folder, &["--there-and-back"], "");
     let maps = maps.map_err(NodeError::Refused)?;
     let (text, failures) = run(args, &maps, folder).map_err(NodeError::Failed)?;
