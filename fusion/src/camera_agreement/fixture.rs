@@ -135,7 +135,7 @@ impl Hall {
                 name: format!("cam{i}"),
                 viewpoint: *viewpoint,
                 size_px: model.size_px(),
-                lines: SightLines::of(model),
+                lines: SightLines::from_camera(model),
             });
         let cameras = AgreementCameras {
             all: judged.collect(),
@@ -207,7 +207,7 @@ impl Hall {
                     (false, _) => see(camera, person, (burst, tick)),
                 });
                 let bodies: Vec<SeenBody> = bodies.collect();
-                Trail::of(person as u32, camera, &bodies)
+                Trail::from_bodies(person as u32, camera, &bodies)
             });
             let trails = trails.collect();
             samples.bursts.push_back(Arc::new(Burst {
@@ -221,7 +221,7 @@ impl Hall {
         AgreementSamples {
             cameras: Arc::new(cameras),
             samples,
-            standing: Standing::of(&[self.stature_m(); 2], self.floor_m),
+            standing: Standing::from_statures(&[self.stature_m(); 2], self.floor_m),
         }
     }
 

@@ -105,7 +105,7 @@ mod tests {
         is_clear: bool,
     ) -> Option<i64> {
         let hall = hall();
-        let lines = SightLines::of(&hall.cameras[0].1);
+        let lines = SightLines::from_camera(&hall.cameras[0].1);
         let mut samples = Samples::new(RATE_HZ, 1);
         for pass in 0..passes {
             let tick = Tick(15 * i64::from(pass));

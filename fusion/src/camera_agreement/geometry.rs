@@ -1,4 +1,4 @@
-//! Lines of sight of cameras, and how near two of them pass each other.
+//! Lines of sight of cameras, and the distance at which two of them pass each other.
 
 use std::ops::Range;
 
@@ -6,13 +6,13 @@ use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Pixel;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-/// Sine of the angle between two lines of sight below which their distance tells nothing (6 degrees).
-const PARALLEL_SINE: f64 = 0.1;
+/// Least sine of the angle between two lines of sight that are compared (6 degrees).
+const MIN_ANGLE_SINE: f64 = 0.1;
 
-/// Places along a line of sight that are looked at.
-const PLACES: usize = 12;
+/// Number of sample points along a line of sight.
+const N_PLACES: usize = 12;
 
-/// A camera without its lens.
+/// A camera without lens distortion.
 #[derive(Debug, Clone)]
 pub(super) struct SightLines {
     /// World, metres.
@@ -21,12 +21,12 @@ pub(super) struct SightLines {
     world_from_camera: Matrix3<f64>,
     focal_px: Vector2<f64>,
     principal_px: Vector2<f64>,
-    /// The camera, where it is a fisheye: what it shows is not what a pinhole of its size does.
+    /// The camera if it is a fisheye: its field of view is not that of a pinhole of its size.
     fisheye: Option<CameraModel>,
 }
 
 impl SightLines {
-    pub(super) fn of(model: &CameraModel) -> Self {
+    pub(super) fn from_camera(model: &CameraModel) -> Self {
         let intrinsics = model.intrinsics();
         let rotation = model.camera_from_world().isometry().rotation;
         Self {
@@ -39,8 +39,8 @@ impl SightLines {
         }
     }
 
-    /// Those of a camera that has at `turn p + shift_m` what this one has at p (right, down, ahead, metres), with focal lengths
-    /// that are so many times as long.
+    /// A camera in which point p of this camera (right, down, ahead, metres) lies at
+    /// `turn p + shift_m`, with the focal lengths times `focal_factor`.
     pub(super) fn displaced(
         &self,
         (turn, shift_m): (&Matrix3<f64>, &Vector3<f64>),
@@ -55,18 +55,18 @@ impl SightLines {
         }
     }
 
-    /// Where the undistorted pixel (x, y) points, world; as long as it takes to come one metre deeper.
+    /// The direction of the undistorted pixel (x, y), world; its depth is one metre.
     pub(super) fn direction(&self, pixel: [f32; 2]) -> Vector3<f64> {
         self.world(self.normalised(pixel))
     }
 
-    /// The undistorted pixel (x, y) at a depth of one metre, camera, metres.
+    /// The normalised coordinates of the undistorted pixel (x, y).
     pub(super) fn normalised(&self, pixel: [f32; 2]) -> Vector2<f64> {
         let at = Vector2::new(f64::from(pixel[0]), f64::from(pixel[1])) - self.principal_px;
         at.component_div(&self.focal_px)
     }
 
-    /// Where a normalised place points, world; as long as it takes to come one metre deeper.
+    /// The direction of normalised coordinates, world; its depth is one metre.
     pub(super) fn world(&self, normalised: Vector2<f64>) -> Vector3<f64> {
         self.world_from_camera * normalised.push(1.0)
     }
@@ -83,14 +83,14 @@ impl SightLines {
         (p.z > 0.0).then(|| (pixel(), p.z))
     }
 
-    /// Which share of the places along `direction` from `from_m`, as deep as `depths_m`, this camera sees, 0 to 1.
+    /// The share of places along `direction` from `from_m`, at `depths_m`, in view, 0 to 1.
     pub(super) fn share_in_view(
         &self,
         (from_m, direction): (&Vector3<f64>, &Vector3<f64>),
         depths_m: Range<f64>,
     ) -> f64 {
         let is_seen = |place: usize| {
-            let share = (place as f64 + 0.5) / PLACES as f64;
+            let share = (place as f64 + 0.5) / N_PLACES as f64;
             let depth_m = depths_m.start + (depths_m.end - depths_m.start) * share;
             let seen = self.project(&(from_m + direction * depth_m));
             seen.is_some_and(|(px, _)| {
@@ -100,10 +100,10 @@ impl SightLines {
                 (0.0..self.size_px.x).contains(&px.x) && (0.0..self.size_px.y).contains(&px.y)
             })
         };
-        (0..PLACES).filter(|&place| is_seen(place)).count() as f64 / PLACES as f64
+        (0..N_PLACES).filter(|&place| is_seen(place)).count() as f64 / N_PLACES as f64
     }
 
-    /// Whether its lens is a fisheye's.
+    /// Whether its lens is a fisheye.
     pub(super) fn is_fisheye(&self) -> bool {
         self.fisheye.is_some()
     }
@@ -129,20 +129,20 @@ impl SightLines {
     }
 }
 
-/// Where two lines of sight come nearest to each other.
+/// The place at which two lines of sight are nearest to each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[expect(clippy::struct_field_names, reason = "the unit is in the name")]
 pub(super) struct Meeting {
-    /// How far from each other they pass, metres; infinite when they do so behind a camera.
+    /// Least distance, metres; infinite if it is behind a camera.
     pub(super) gap_m: f64,
-    /// The same with a side: negative where the second passes on the other one.
+    /// The same with a sign, by the side on which the second line passes.
     pub(super) signed_gap_m: f64,
-    /// How deep in front of the two cameras, metres.
+    /// Depths in the two cameras, metres.
     pub(super) depths_m: [f64; 2],
 }
 
-/// How the lines meet that start at `a_m` and `b_m` with these directions, as [`SightLines::direction`] has them;
-/// `None` when they are too parallel to tell.
+/// The meeting of the lines from `a_m` and `b_m`, with directions of [`SightLines::direction`].
+/// `None` if they are nearly parallel.
 pub(super) fn meeting(
     (a_m, a_direction): (&Vector3<f64>, &Vector3<f64>),
     (b_m, b_direction): (&Vector3<f64>, &Vector3<f64>),
@@ -150,7 +150,7 @@ pub(super) fn meeting(
     let normal = a_direction.cross(b_direction);
     let squared = normal.norm_squared();
     let lengths2 = a_direction.norm_squared() * b_direction.norm_squared();
-    let is_apart = squared >= PARALLEL_SINE * PARALLEL_SINE * lengths2;
+    let is_apart = squared >= MIN_ANGLE_SINE * MIN_ANGLE_SINE * lengths2;
     if !is_apart || lengths2 == 0.0 {
         return None;
     }

@@ -31,12 +31,11 @@ use super::geometry::SightLines;
 use super::lens::LensPoints;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
 use super::report::AgreementReport;
-use super::samples::{Burst, COMPARED, PassSample, Samples};
-use super::time_shift::by_burst::{Drift, drifts, shifts_by_burst};
+use super::samples::{Burst, MAX_COMPARED, PassSample, Samples};
+use super::time_shift::by_burst::{Drift, Jump, drifts, jump, shifts_by_burst};
 use super::time_shift::curves::ShiftCosts;
 use super::time_shift::groups::{LateGroup, late_group};
-use super::time_shift::jumps::{Jump, jump};
-use super::time_shift::met::{PoseFit, pose_fits};
+use super::time_shift::pose_fit::{PoseFit, pose_fits};
 use super::time_shift::pose_shift::{PoseShift, against_most};
 use super::time_shift::{Shift, shifts};
 use super::{AgreementCameras, JudgedCamera};
@@ -85,13 +84,13 @@ impl<'a> Judge<'a> {
         samples: &'a Samples,
         before: &mut JudgedBefore,
     ) -> Self {
-        let bursts = samples.telling_bursts();
+        let bursts = samples.bursts_if_long_enough();
         let lines = cameras.lines();
-        let mut costs = ShiftCosts::of(&bursts, &lines, cameras.rate_hz, &mut before.costs);
+        let mut costs = ShiftCosts::new(&bursts, &lines, cameras.rate_hz, &mut before.costs);
         let shifts = shifts(&mut costs);
         let late_group = late_group(&mut costs, &shifts);
         let by_burst = shifts_by_burst(&mut costs, &shifts);
-        before.costs = costs.into_found();
+        before.costs = costs.into_cache();
         let bursts: Vec<&Burst> = bursts.into_iter().map(AsRef::as_ref).collect();
         let fits = pose_fits(samples, &lines, cameras.rate_hz);
         let viewpoints = cameras.all.iter().map(|camera| camera.viewpoint).collect();
@@ -169,7 +168,7 @@ impl<'a> Judge<'a> {
     ) -> CameraRays {
         let size_px = self.cameras[camera].size_px;
         let change = (change, self.partners);
-        CameraRays::of(&self.passes, (camera, size_px), lines, change)
+        CameraRays::new(&self.passes, (camera, size_px), lines, change)
     }
 
     /// What is found, and how each camera agrees.
@@ -245,7 +244,7 @@ fn compared_passes(samples: &Samples) -> Vec<&PassSample> {
         .iter()
         .filter_map(|pass| pass.of_camera.iter().map(Vec::len).max());
     let usual = upper_median(most_shown.map(|n| n as f64).collect()).unwrap_or(0.0);
-    let n_passes = PASSES * COMPARED / (usual as usize).max(COMPARED);
+    let n_passes = PASSES * MAX_COMPARED / (usual as usize).max(MAX_COMPARED);
     let step = all.len().div_ceil(n_passes.max(MIN_PASSES)).max(1);
     all.iter().rev().step_by(step).map(AsRef::as_ref).collect()
 }

@@ -121,7 +121,7 @@ impl AgreementWatch {
                 name: camera.model.name().to_owned(),
                 viewpoint: camera.viewpoint,
                 size_px: camera.model.size_px(),
-                lines: SightLines::of(&camera.model),
+                lines: SightLines::from_camera(&camera.model),
             })
             .collect();
         Self {

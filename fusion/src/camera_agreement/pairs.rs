@@ -1,11 +1,13 @@
-//! How well two cameras agree on whom detection passes found, whatever their pictures are taken for.
+//! How well the sightings of two cameras agree, also after a change of their pictures.
 //!
-//! Of two sightings the lines of sight of each keypoint pass each other at some distance. A person that both cameras
-//! show passes near itself; who is who is not known, so each sighting is compared with the one that fits it best. Where
-//! none does, it counts only when one of the two cameras sees nearly all places where the other's person may be, by the
-//! size that it has: cameras that look at different parts of a field say nothing of each other.
-//! Distances count by a saturating cost (Geman and `McClure`'s): one wrong keypoint is one wrong keypoint, however far
-//! off it is.
+//! The lines of sight of one keypoint in two sightings pass each other at some distance. It is
+//! small if both show the same person. The identities are unknown, so each sighting is compared
+//! with the one that fits it best.
+//!
+//! A sighting that fits none counts only if one camera sees nearly all places where the person of
+//! the other may be, by its size. Cameras that see different parts of a field are not comparable.
+//!
+//! Distances enter a saturating cost (Geman and `McClure`), so that outliers have bounded weight.
 
 use std::ops::Range;
 
@@ -13,21 +15,22 @@ use farfield_proto::order_statistics::upper_median;
 use nalgebra::{Vector2, Vector3};
 
 use super::geometry::{Meeting, SightLines, meeting};
-use super::samples::{COMPARED, MAX_BODIES, PassSample, SeenBody};
+use super::samples::{MAX_BODIES, MAX_COMPARED, PassSample, SeenBody};
 
-/// Where the cost of a distance reaches one half, metres.
+/// Distance with a cost of one half, metres.
 pub(super) const HALF_COST_M: f64 = 0.06;
-/// Share of the places where a person may be that a camera must see to speak against it.
-const IN_VIEW: f64 = 0.8;
-/// From the highest to the lowest keypoint of somebody who stands, metres.
+/// A camera must see this share of the places where a person may be to contradict a sighting.
+const MIN_SHARE_IN_VIEW: f64 = 0.8;
+/// From the highest to the lowest keypoint of a standing person, metres.
 pub(super) const EXTENT_M: f64 = 1.5;
-/// Depths at which somebody may be, as factors of the one at which the keypoints are so far apart.
-const DEPTHS: Range<f64> = 0.5..1.4;
-/// Mean cost below which two sightings are taken to be of one person, whatever else there is.
+/// Possible depths of a person, over the depth at which the keypoints span `EXTENT_M`.
+const DEPTH_FACTORS: Range<f64> = 0.5..1.4;
+/// Two sightings with a lower mean cost always count as one person.
 pub(super) const SAME_PERSON_COST: f64 = 0.5;
-/// Least keypoints that two sightings must have in common.
+/// Least number of common keypoints of two sightings.
 const MIN_COMMON: usize = 5;
-/// What a distance between two lines of sight costs, 0 to 1.
+
+/// The cost of the distance between two lines of sight, 0 to 1.
 pub(super) fn cost(gap_m: f64) -> f64 {
     if gap_m.is_finite() {
         let squared = gap_m * gap_m;
@@ -37,27 +40,28 @@ pub(super) fn cost(gap_m: f64) -> f64 {
     }
 }
 
-/// What the pictures of a camera may be taken for.
+/// A change of the pictures of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PictureChange {
     AsItIs,
-    /// Left and right are exchanged, of the people too.
+    /// Left and right are exchanged, also in the keypoints.
     Mirrored,
     HalfTurned,
 }
 
-/// The lines of sight of the sightings of one camera: per pass and sighting, by keypoint; zero where it is not seen.
+/// The lines of sight of the sightings of one camera, by pass, sighting and keypoint. Zero if a
+/// keypoint is not seen.
 pub(super) struct CameraRays {
     lines: SightLines,
     pub(super) of_pass: Vec<Vec<Vec<Vector3<f64>>>>,
 }
 
-/// Two keypoints that are each other's mirror image: for every keypoint its partner, itself without one.
+/// For every keypoint its mirror image, or itself if it has none.
 pub(super) type Partners = Vec<usize>;
 
 impl CameraRays {
-    /// The sightings of `camera`, whose pictures are changed so and seen through `lines`. `size_px` is the picture's.
-    pub(super) fn of(
+    /// The sightings of `camera` after `change` of its pictures of `size_px`, seen through `lines`.
+    pub(super) fn new(
         passes: &[&PassSample],
         (camera, size_px): (usize, [u32; 2]),
         lines: &SightLines,
@@ -87,7 +91,7 @@ impl CameraRays {
         }
     }
 
-    /// The same with the keypoints in another order: per keypoint the one that is in its place.
+    /// The same with the keypoints in another order. `order` has the source of each keypoint.
     pub(super) fn reordered(&self, order: &[usize]) -> Self {
         let at = |body: &Vec<Vector3<f64>>, place: usize| {
             body.get(place).copied().unwrap_or_else(Vector3::zeros)
@@ -103,7 +107,8 @@ impl CameraRays {
         }
     }
 
-    /// The same where another lens has what is at a place, normalised, at the place `lens` of it; unseen where it has it nowhere.
+    /// The same with the normalised coordinates mapped by `lens`; a keypoint without an image is
+    /// unseen.
     pub(super) fn through(&self, lens: impl Fn(Vector2<f64>) -> Option<Vector2<f64>>) -> Self {
         let ray = |direction: &Vector3<f64>| {
             if direction.norm_squared() == 0.0 {
@@ -122,53 +127,54 @@ impl CameraRays {
         }
     }
 
-    /// Where the camera is, world, metres.
+    /// The position of the camera, world, metres.
     pub(super) fn center_m(&self) -> &Vector3<f64> {
         &self.lines.center_m
     }
 }
 
-/// How two cameras agree.
+/// The agreement of two cameras.
 #[derive(Debug, Clone, Default)]
 pub(super) struct PairAgreement {
     cost_sum: f64,
-    /// Of every keypoint that both show.
+    /// One per keypoint that both show.
     meetings: Vec<Meeting>,
 }
 
 impl PairAgreement {
-    /// Of all sightings, each with the one that fits it best.
-    pub(super) fn of(a: &CameraRays, b: &CameraRays) -> Self {
-        Self::where_it_counts(a, b, |_, _| true)
+    /// From all sightings, each with the one that fits it best.
+    pub(super) fn of_all(a: &CameraRays, b: &CameraRays) -> Self {
+        Self::from_sightings(a, b, |_, _| true)
     }
 
-    /// Of those sightings that fit, or that the other camera would have to show.
+    /// From the sightings that fit, and those that the other camera should show.
     pub(super) fn of_common(a: &CameraRays, b: &CameraRays) -> Self {
-        Self::where_it_counts(a, b, |(one, by), (other, other_by)| {
+        Self::from_sightings(a, b, |(one, by), (other, other_by)| {
             must_be_seen((one, by), other_by) || must_be_seen((other, other_by), by)
         })
     }
 
-    /// The mean of what each of these others costs beside one camera, of those that have enough keypoints in common with it.
+    /// The mean cost of one camera with those of the others that have enough common keypoints.
     pub(super) fn mean_cost_of<'r>(
         own: &CameraRays,
         others: impl Iterator<Item = &'r CameraRays>,
         min_keypoints: usize,
     ) -> Option<f64> {
-        let pairs = others.map(|other| Self::of(own, other));
+        let pairs = others.map(|other| Self::of_all(own, other));
         let costs = pairs.filter(|pair| pair.len() >= min_keypoints);
         let costs: Vec<f64> = costs.map(|pair| pair.mean_cost()).collect();
         (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64)
     }
 
-    fn where_it_counts(
+    /// `counts` decides on pairs of sightings that do not fit.
+    fn from_sightings(
         a: &CameraRays,
         b: &CameraRays,
         counts: impl Fn((&[Vector3<f64>], &SightLines), (&[Vector3<f64>], &SightLines)) -> bool,
     ) -> Self {
         let mut all = Self::default();
         for (of_a, of_b) in a.of_pass.iter().zip(&b.of_pass) {
-            // Each of those of whom there are fewer has one among the others.
+            // Each sighting of the camera with fewer is matched with one of the other camera.
             let a_has_fewer = of_a.len() <= of_b.len();
             let (few, many) = if a_has_fewer {
                 (of_a, of_b)
@@ -176,9 +182,9 @@ impl PairAgreement {
                 (of_b, of_a)
             };
             let (few_by, many_by) = if a_has_fewer { (a, b) } else { (b, a) };
-            // Of more than are kept nobody knows who is missing.
+            // Sightings beyond the maximum are not kept, so the matching one may be missing.
             let is_whole = many.len() < MAX_BODIES;
-            for one in few.iter().take(COMPARED) {
+            for one in few.iter().take(MAX_COMPARED) {
                 let in_order = |other| {
                     if a_has_fewer {
                         [one, other]
@@ -207,44 +213,44 @@ impl PairAgreement {
         all
     }
 
-    /// How many keypoints were compared.
+    /// Number of compared keypoints.
     pub(super) fn len(&self) -> usize {
         self.meetings.len()
     }
 
-    /// 0 where all lines of sight meet, 1 where none do.
+    /// 0 if all lines of sight meet, 1 if none do.
     pub(super) fn mean_cost(&self) -> f64 {
         self.cost_sum / self.len().max(1) as f64
     }
 
-    /// Median distance between the lines of sight, metres; infinite where most meet behind a camera.
+    /// Median distance between the lines of sight, metres; infinite if most meet behind a camera.
     pub(super) fn median_m(&self) -> Option<f64> {
         upper_median(self.meetings.iter().map(|met| met.gap_m).collect())
     }
 
-    /// Width of a pixel where the lines of sight meet, metres: of the camera in which it is wider.
+    /// Width of a pixel at the meetings, metres, in the camera where it is larger.
     pub(super) fn pixel_m(&self, focal_px: [f64; 2]) -> f64 {
-        let of = |side: usize| {
+        let width_m = |side: usize| {
             let widths_m = self
                 .meetings
                 .iter()
                 .map(|met| met.depths_m[side].abs() / focal_px[side]);
             upper_median(widths_m.collect()).unwrap_or(0.0)
         };
-        of(0).max(of(1))
+        width_m(0).max(width_m(1))
     }
 
-    /// [`Self::median_m`] in pixels of the first and the second camera, whose focal lengths are these.
+    /// [`Self::median_m`] in pixels of the first and the second camera with these focal lengths.
     pub(super) fn median_px(&self, focal_px: [f64; 2]) -> Option<[f64; 2]> {
-        let of = |side: usize| {
+        let in_camera = |side: usize| {
             let px = |met: &Meeting| met.gap_m / met.depths_m[side] * focal_px[side];
             upper_median(self.meetings.iter().map(px).collect())
         };
-        Some([of(0)?, of(1)?])
+        Some([in_camera(0)?, in_camera(1)?])
     }
 }
 
-/// Where the lines of sight meet of what two cameras show of somebody.
+/// The meetings of the lines of sight of one sighting in each camera.
 fn meetings<'a>(
     (a, b): (&'a CameraRays, &'a CameraRays),
     [of_a, of_b]: [&'a Vec<Vector3<f64>>; 2],
@@ -254,7 +260,7 @@ fn meetings<'a>(
     rays.filter_map(move |(p, q)| meeting((a_m, p), (b_m, q)))
 }
 
-/// Whether a camera sees nearly all places where `body`, which another shows, may be, by the size that it has.
+/// Whether a camera sees nearly all places where `body` of another camera may be, by its size.
 fn must_be_seen((body, by): (&[Vector3<f64>], &SightLines), other: &SightLines) -> bool {
     let seen = || {
         body.iter()
@@ -264,8 +270,8 @@ fn must_be_seen((body, by): (&[Vector3<f64>], &SightLines), other: &SightLines) 
     let extent = seen().map(apart).fold(0.0, f64::max);
     let depth_m = EXTENT_M / extent.max(f64::MIN_POSITIVE);
     let middle = seen().sum::<Vector3<f64>>() / seen().count().max(1) as f64;
-    let depths_m = DEPTHS.start * depth_m..DEPTHS.end * depth_m;
-    other.share_in_view((&by.center_m, &middle), depths_m) >= IN_VIEW
+    let depths_m = DEPTH_FACTORS.start * depth_m..DEPTH_FACTORS.end * depth_m;
+    other.share_in_view((&by.center_m, &middle), depths_m) >= MIN_SHARE_IN_VIEW
 }
 
 #[cfg(test)]
@@ -279,7 +285,7 @@ mod tests {
     use crate::body::fixture::{Noise, standing};
     use crate::sightings::fixture::hall;
 
-    /// What a camera shows of people on a grid, in this order.
+    /// The sightings of people on a grid, in this order.
     fn shown(model: &CameraModel, order: impl Iterator<Item = usize>) -> Vec<SeenBody> {
         let person = |i: usize| {
             let at = [i % 6, i / 6].map(|cell| 0.9 * cell as f64 - 2.25);
@@ -295,7 +301,8 @@ mod tests {
             .collect()
     }
 
-    /// How many keypoints of `n` people count, of whom the first camera shows the first of `kept`, and the second the last.
+    /// The number of compared keypoints of `n` people. The first camera shows the first `kept`, the
+    /// second the last `kept`.
     fn counted(n: usize, kept: usize) -> usize {
         let cameras = hall().cameras;
         let pass = PassSample {
@@ -308,19 +315,19 @@ mod tests {
         };
         let partners: Partners = (0..17).collect();
         let rays = |camera: usize, of: usize| {
-            let lines = SightLines::of(&cameras[of].1);
+            let lines = SightLines::from_camera(&cameras[of].1);
             let change = (PictureChange::AsItIs, &partners);
-            CameraRays::of(&[&pass], (camera, [1920, 1200]), &lines, change)
+            CameraRays::new(&[&pass], (camera, [1920, 1200]), &lines, change)
         };
         PairAgreement::of_common(&rays(0, 0), &rays(1, 1)).len()
     }
 
     #[test]
-    fn of_more_people_than_are_kept_those_who_are_missing_speak_against_nobody() {
-        // Nobody is shown by both: of a few people that is a contradiction, of a crowd it may be chance.
+    fn sightings_beyond_the_maximum_are_no_contradiction() {
+        // No person is shown by both. With few people that is a contradiction, in a crowd chance.
         assert!(counted(6, 3) >= 3 * MIN_COMMON);
-        assert!(counted(2 * MAX_BODIES, MAX_BODIES) < COMPARED * MIN_COMMON);
-        // Those who are shown by both count all the same.
-        assert!(counted(MAX_BODIES, MAX_BODIES) >= COMPARED * MIN_COMMON);
+        assert!(counted(2 * MAX_BODIES, MAX_BODIES) < MAX_COMPARED * MIN_COMMON);
+        // People who are shown by both still count.
+        assert!(counted(MAX_BODIES, MAX_BODIES) >= MAX_COMPARED * MIN_COMMON);
     }
 }

@@ -1,11 +1,10 @@
-//! What cameras showed lately: the sightings of detection passes, and the keypoints of a few people tick by tick.
+//! The newest observations of all cameras, in bounded memory.
 //!
-//! Sightings are made without fusion's help, so they tell what is wrong at large. The keypoints that crops show of the
-//! people who are followed come at every tick, so they tell by how much time a camera is off; where people were tells it of
-//! sightings that are seconds late. All are kept in bounded
-//! memory, and shared when they are handed to whoever judges them.
-
-pub(super) mod found;
+//! - Sightings of detection passes. They need no help by fusion, so they reveal large errors.
+//! - Keypoints of tracked people in crops, in bursts of ticks. They reveal small shifts in time.
+//! - Poses of tracked people. With sightings they reveal shifts in time of seconds.
+//!
+//! Samples are shared, not copied, when they are passed to the judge.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -19,40 +18,40 @@ use crate::align::TickGroup;
 use crate::estimate::evidence::View;
 use crate::identity::track::Track;
 
-/// Detection passes that are kept, the newest.
+/// Number of detection passes that are kept.
 const MAX_PASSES: usize = 48;
-/// Sightings of one camera in a pass that are kept, those that were found surest: where there are more, nobody knows who is
-/// missing.
+/// Number of sightings that are kept per camera and pass, those with the highest scores. If there
+/// are more, it is unknown who is missing.
 pub(super) const MAX_BODIES: usize = 24;
-/// So many of them are compared with everybody else, whom cameras may show in any order.
-pub(super) const COMPARED: usize = 6;
-/// Least time between two passes that are kept, seconds, once there are some.
+/// Number of these that are compared with those of other cameras, in any order.
+pub(super) const MAX_COMPARED: usize = 6;
+/// Least time between two passes that are kept, seconds, after the first ones.
 const PASS_EVERY_S: f64 = 0.5;
-/// Passes that are kept whatever the time between them.
+/// Number of passes that are kept whatever the time between them.
 const FIRST_PASSES: usize = 6;
-/// Length of a burst, seconds: as long as the longest shift in time that is looked for, twice.
+/// Length of a burst, seconds: twice the longest shift of the search in crops.
 const BURST_S: f64 = 2.0;
-/// Least length of all bursts together that tells, seconds: for half a second networks err to one side, and cameras of the treadmill
-/// that are right seemed a tick early, or turned by four degrees.
+/// Least length of all bursts together, seconds. During half a second networks err to one side:
+/// right cameras of the treadmill seemed a tick early, or turned by four degrees.
 pub(super) const LEAST_BURSTS_S: f64 = 0.75;
-/// One burst in so many is kept: finding the highest peaks of whole maps takes some percent of a tick.
+/// One burst in so many is kept, because finding peaks in whole maps takes some percent of a tick.
 const ONE_BURST_IN: u64 = 5;
-/// Bursts that are kept, the newest.
+/// Number of bursts that are kept.
 const MAX_BURSTS: usize = 6;
-/// People whose keypoints are kept.
+/// Number of people per tick whose keypoints are kept.
 const MAX_PEOPLE: usize = 2;
-/// Trails of a burst: people who come and go do not make it grow without end.
+/// Number of trails per burst. People who come and go do not make it grow without end.
 const MAX_TRAILS: usize = 256;
 /// Least score of a peak, 0 to 1.
 pub(super) const MIN_SCORE: f32 = 0.3;
 
-/// Time between two ticks whose poses are kept, seconds, and for how long they are.
+/// Time between two ticks whose poses are kept, and the age at which poses are dropped, seconds.
 const POSES_EVERY_S: f64 = 1.0 / 30.0;
 const POSES_S: f64 = 60.0;
-/// People whose poses are kept at a tick.
+/// Number of people per tick whose poses are kept.
 pub(super) const MAX_POSED: usize = 12;
 
-/// A keypoint in a picture.
+/// A keypoint in an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SeenKeypoint {
     /// Undistorted pixels.
@@ -61,32 +60,32 @@ pub(super) struct SeenKeypoint {
     pub(super) score: f32,
 }
 
-/// What a trail has of a keypoint that is not seen.
+/// Entry of a trail for a keypoint that is not seen.
 const UNSEEN: SeenKeypoint = SeenKeypoint {
     pixel: [0.0; 2],
     score: 0.0,
 };
 
-/// Per keypoint of the network.
+/// The keypoints of a sighting, in the order of the network.
 pub(super) type SeenBody = Vec<Option<SeenKeypoint>>;
 
-/// A detection pass: per camera of the venue, whom it sighted.
+/// The sightings of a detection pass, per camera of the venue.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct PassSample {
     pub(super) tick: Tick,
     pub(super) of_camera: Vec<Vec<SeenBody>>,
-    /// Those of them most of whose keypoints have scores that are too low to count, with all keypoints.
+    /// The sightings in which most scores are below `MIN_SCORE`, with all keypoints.
     pub(super) unsure: Vec<Vec<SeenBody>>,
 }
 
 impl PassSample {
-    /// Those of a camera that are compared, the surest.
+    /// The sightings of a camera with the highest scores, which are compared with other cameras.
     pub(super) fn surest(&self, camera: usize) -> &[SeenBody] {
         let bodies = &self.of_camera[camera];
-        &bodies[..bodies.len().min(COMPARED)]
+        &bodies[..bodies.len().min(MAX_COMPARED)]
     }
 
-    /// The surest of all cameras, as they were sent.
+    /// The surest sightings of all cameras, in the form of the message.
     pub(super) fn sightings(&self) -> Vec<Sighting> {
         let bodies = (0..self.of_camera.len())
             .flat_map(|camera| self.surest(camera).iter().map(move |body| (camera, body)));
@@ -106,15 +105,15 @@ impl PassSample {
     }
 }
 
-/// Where people were at a tick.
+/// The poses of tracked people at a tick.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct PosedTick {
     pub(super) tick: Tick,
-    /// Per person the id, and the keypoints, world, metres.
+    /// The id and the keypoints (world, metres) of each person.
     pub(super) people: Vec<(u32, Vec<[f32; 3]>)>,
 }
 
-/// The middle of the keypoints of somebody, world, metres.
+/// The middle of the keypoints of a person, world, metres.
 pub(super) fn middle_m(body: &[[f32; 3]]) -> Vector3<f32> {
     let sum: Vector3<f32> = body.iter().map(|&m| Vector3::from(m)).sum();
     sum / body.len().max(1) as f32
@@ -126,29 +125,28 @@ pub(super) struct Trail {
     pub(super) person: u32,
     pub(super) camera: usize,
     n_keypoints: usize,
-    /// From the first tick of the burst on: when the picture was taken, ticks after its tick; not a number where there
-    /// was none.
+    /// Capture time after the tick, ticks, from the first tick of the burst; NaN without a picture.
     late_ticks: Vec<f32>,
-    /// Per tick all keypoints; the score is 0 of what is not seen.
+    /// All keypoints of each tick; the score is 0 if a keypoint is not seen.
     seen: Vec<SeenKeypoint>,
 }
 
 impl Trail {
-    /// How many ticks from the first of the burst on it may know.
+    /// Number of ticks from the first of the burst to the last with a picture.
     pub(super) fn len(&self) -> usize {
         self.late_ticks.len()
     }
 
-    /// When the picture of a tick of the burst was taken, ticks after its tick, and what it shows.
+    /// Capture time after a tick of the burst, ticks, and the keypoints.
     pub(super) fn at(&self, tick: usize) -> Option<(f64, &[SeenKeypoint])> {
         let late = f64::from(*self.late_ticks.get(tick)?);
         let seen = self.seen.get(tick * self.n_keypoints..)?;
         late.is_finite().then(|| (late, &seen[..self.n_keypoints]))
     }
 
-    /// A trail of what is given, on time.
+    /// A trail of these sightings, tick by tick, that is on time.
     #[cfg(test)]
-    pub(super) fn of(person: u32, camera: usize, bodies: &[SeenBody]) -> Self {
+    pub(super) fn from_bodies(person: u32, camera: usize, bodies: &[SeenBody]) -> Self {
         Self {
             person,
             camera,
@@ -162,7 +160,7 @@ impl Trail {
         }
     }
 
-    fn note(&mut self, at: usize, (view, rate_hz): (&View, f64)) {
+    fn add(&mut self, at: usize, view: &View, rate_hz: f64) {
         if view.n_keypoints() != self.n_keypoints || self.late_ticks.len() > at {
             return;
         }
@@ -181,14 +179,14 @@ impl Trail {
     }
 }
 
-/// Some ticks in a row.
+/// The keypoints of tracked people in some ticks in a row.
 #[derive(Debug, Clone)]
 pub(super) struct Burst {
     pub(super) first: Tick,
     pub(super) trails: Vec<Trail>,
 }
 
-/// What is kept.
+/// All samples that are kept.
 #[derive(Debug, Clone)]
 pub(super) struct Samples {
     rate_hz: f64,
@@ -198,13 +196,13 @@ pub(super) struct Samples {
     pub(super) bursts: VecDeque<Arc<Burst>>,
     current: Option<(u64, Burst)>,
     pub(super) poses: VecDeque<Arc<PosedTick>>,
-    /// Detection passes in which anything was sighted, all since the start.
+    /// Number of detection passes with a sighting, since the start.
     pub(super) n_passes: u64,
-    /// Per camera, whom they sighted.
+    /// Number of sightings per camera, since the start.
     pub(super) n_sightings: Vec<u64>,
-    /// Per camera, when they sighted anybody last.
+    /// The last pass with a sighting per camera, since the start.
     last_shown: Vec<Option<Tick>>,
-    /// Of kept passes, the cameras of viewpoints of which nothing came.
+    /// For each kept pass, the cameras whose viewpoint sent nothing.
     absent: VecDeque<(Tick, Vec<usize>)>,
 }
 
@@ -225,23 +223,23 @@ impl Samples {
         }
     }
 
-    /// Whether nothing came of the viewpoint of a camera in the pass at `tick`.
+    /// Whether the viewpoint of a camera sent nothing in the pass at `tick`.
     pub(super) fn is_absent(&self, camera: usize, tick: Tick) -> bool {
-        let of_pass = self.absent.iter().find(|(of, _)| *of == tick);
-        of_pass.is_some_and(|(_, absent)| absent.contains(&camera))
+        let pass = self.absent.iter().find(|(at, _)| *at == tick);
+        pass.is_some_and(|(_, absent)| absent.contains(&camera))
     }
 
-    /// The last detection pass in which a camera sighted anybody, since the start.
+    /// The last detection pass with a sighting of a camera, since the start.
     pub(super) fn last_shown(&self, camera: usize) -> Option<Tick> {
         self.last_shown.get(camera).copied().flatten()
     }
 
-    /// Of the ticks every so many have their poses kept.
+    /// Poses are kept once in so many ticks.
     pub(super) fn pose_every_ticks(&self) -> i64 {
         ((POSES_EVERY_S * self.rate_hz).round() as i64).max(1)
     }
 
-    /// Keeps where people were seen, when that is due. The place of who coasts is a prediction, and no evidence.
+    /// Keeps poses when they are due. The pose of a coasting person is a prediction, not evidence.
     pub(super) fn note_poses(&mut self, poses: &PoseSet) {
         let every = self.pose_every_ticks();
         let last = self.poses.back().map(|posed| posed.tick);
@@ -271,7 +269,8 @@ impl Samples {
         {}
     }
 
-    /// Keeps what `group` holds of a detection pass; `is_own(camera, viewpoint)` says whether the one is the other's.
+    /// Keeps the detection pass in `group`. `is_own(camera, viewpoint)` returns whether the camera
+    /// belongs to the viewpoint.
     pub(super) fn note_pass(
         &mut self,
         group: &TickGroup,
@@ -320,11 +319,11 @@ impl Samples {
             self.passes.pop_front();
             self.absent.pop_front();
         }
-        let came = |camera: usize| {
+        let is_present = |camera: usize| {
             let mut sets = group.sighting_sets.iter();
             sets.any(|set| is_own(camera, set.viewpoint.0))
         };
-        let absent = (0..self.n_cameras).filter(|&camera| !came(camera));
+        let absent = (0..self.n_cameras).filter(|&camera| !is_present(camera));
         self.absent.push_back((group.tick, absent.collect()));
         self.passes.push_back(Arc::new(PassSample {
             tick: group.tick,
@@ -339,7 +338,7 @@ impl Samples {
         is_later || self.passes.len() < FIRST_PASSES && last.is_none_or(|last| tick > last)
     }
 
-    /// From the first to the last pass that is kept, seconds.
+    /// Time from the first to the last kept pass, seconds.
     pub(super) fn passes_last_s(&self) -> f64 {
         let both = self.passes.front().zip(self.passes.back());
         both.map_or(0.0, |(first, last)| {
@@ -347,12 +346,12 @@ impl Samples {
         })
     }
 
-    /// Keeps what the views of `tick` show of some people, when a burst is under way.
+    /// Keeps the keypoints of some people in the views of `tick`, during a burst.
     pub(super) fn note_views(&mut self, tick: Tick, tracks: &[Track]) {
-        let is_anybody_seen = tracks
+        let has_views = tracks
             .iter()
             .any(|track| !track.estimator().views().is_empty());
-        if self.first.is_none() && !is_anybody_seen {
+        if self.first.is_none() && !has_views {
             return;
         }
         let first = *self.first.get_or_insert(tick);
@@ -361,7 +360,7 @@ impl Samples {
         if self.current.as_ref().is_some_and(|(n, _)| *n != number) {
             self.end_burst();
         }
-        // Of a short recording two: one may be late and the other not.
+        // Two bursts of a short recording are kept: a camera may be late in only one of them.
         let is_kept = number.is_multiple_of(ONE_BURST_IN) || number == 1;
         if tick < first || !is_kept {
             return;
@@ -381,7 +380,7 @@ impl Samples {
         for track in seen.take(MAX_PEOPLE) {
             for view in track.estimator().views() {
                 if let Some(trail) = burst.trail(view, track.wire_id().0, length as usize) {
-                    trail.note(at, (view, self.rate_hz));
+                    trail.add(at, view, self.rate_hz);
                 }
             }
         }
@@ -402,15 +401,15 @@ impl Samples {
         }
     }
 
-    /// The bursts, where all together are long enough to tell anything.
-    pub(super) fn telling_bursts(&self) -> Vec<&Arc<Burst>> {
+    /// All bursts if their total length is sufficient, otherwise none.
+    pub(super) fn bursts_if_long_enough(&self) -> Vec<&Arc<Burst>> {
         let all: usize = self.bursts.iter().map(|burst| burst.n_ticks()).sum();
         let is_long = all as f64 >= LEAST_BURSTS_S * self.rate_hz;
         self.bursts.iter().filter(|_| is_long).collect()
     }
 
-    /// What is kept of the ticks from `from` on and before `end`: of bursts those that lie whole in them. What is counted since the
-    /// start stays so.
+    /// The samples of the ticks from `from` to before `end`, with the bursts that lie wholly in
+    /// them. Counts since the start do not change.
     pub(super) fn between(&self, from: Tick, end: Tick) -> Self {
         let is_in = |tick: Tick| from <= tick && tick < end;
         let mut part = self.clone();
@@ -424,7 +423,7 @@ impl Samples {
         part
     }
 
-    /// The same, with the burst under way as the last.
+    /// A copy in which the current burst is the last one.
     pub(super) fn so_far(&self) -> Self {
         let mut samples = self.clone();
         samples.end_burst();
@@ -432,12 +431,12 @@ impl Samples {
     }
 }
 
-/// The keypoints of a sighting that have this score at the least.
-fn seen_body(keypoints: &[Option<KeypointPeak>], least_score: f32) -> SeenBody {
+/// The keypoints of a sighting with at least this score.
+fn seen_body(keypoints: &[Option<KeypointPeak>], min_score: f32) -> SeenBody {
     let seen = |peak: &Option<KeypointPeak>| {
         let peak = peak.as_ref()?;
         let is_number = peak.position_px.iter().all(|v| v.is_finite());
-        (peak.score >= least_score && is_number).then_some(SeenKeypoint {
+        (peak.score >= min_score && is_number).then_some(SeenKeypoint {
             pixel: peak.position_px,
             score: peak.score,
         })
@@ -446,12 +445,12 @@ fn seen_body(keypoints: &[Option<KeypointPeak>], least_score: f32) -> SeenBody {
 }
 
 impl Burst {
-    /// How many ticks it has.
+    /// Number of ticks.
     pub(super) fn n_ticks(&self) -> usize {
         self.trails.iter().map(Trail::len).max().unwrap_or(0)
     }
 
-    /// At how many of them a camera shows somebody, by the person of whom it shows most.
+    /// Largest number of ticks in which a camera shows one person.
     pub(super) fn n_shown(&self, camera: usize) -> usize {
         let own = self.trails.iter().filter(|trail| trail.camera == camera);
         let shown = own.map(|trail| {
@@ -462,12 +461,12 @@ impl Burst {
         shown.max().unwrap_or(0)
     }
 
-    /// The trail of a person in a camera, made if there is none; `None` where there are too many.
+    /// The trail of a person in a camera, a new one if there is none; `None` if there are too many.
     fn trail(&mut self, view: &View, person: u32, n_ticks: usize) -> Option<&mut Trail> {
         let camera = usize::from(view.camera.0);
         let is_it = |trail: &Trail| trail.person == person && trail.camera == camera;
-        let found = self.trails.iter().position(is_it);
-        if found.is_none() && self.trails.len() < MAX_TRAILS {
+        let known = self.trails.iter().position(is_it);
+        if known.is_none() && self.trails.len() < MAX_TRAILS {
             self.trails.push(Trail {
                 person,
                 camera,
@@ -477,6 +476,30 @@ impl Burst {
             });
             return self.trails.last_mut();
         }
-        self.trails.get_mut(found?)
+        self.trails.get_mut(known?)
+    }
+}
+
+/// Results per sample. A kept sample does not change, so its result stays valid.
+#[derive(Debug)]
+pub(super) struct ResultCache<S, R>(Vec<(Arc<S>, R)>);
+
+impl<S, R> Default for ResultCache<S, R> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<S, R> ResultCache<S, R> {
+    /// Removes and returns the result of `sample`.
+    pub(super) fn take(&mut self, sample: &Arc<S>) -> Option<R> {
+        let at = self.0.iter().position(|(of, _)| Arc::ptr_eq(of, sample))?;
+        Some(self.0.swap_remove(at).1)
+    }
+}
+
+impl<S, R> FromIterator<(Arc<S>, R)> for ResultCache<S, R> {
+    fn from_iter<I: IntoIterator<Item = (Arc<S>, R)>>(all: I) -> Self {
+        Self(all.into_iter().collect())
     }
 }

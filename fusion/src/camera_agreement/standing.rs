@@ -68,7 +68,7 @@ impl Standing {
 
     /// People of these statures whose feet are so high.
     #[cfg(test)]
-    pub(super) fn of(statures_m: &[f64], feet_m: f64) -> Self {
+    pub(super) fn from_statures(statures_m: &[f64], feet_m: f64) -> Self {
         let ids = 1..=statures_m.len() as u32;
         Self {
             ankle_heights: AnkleHeights::of(ids.map(|id| (id, feet_m))),

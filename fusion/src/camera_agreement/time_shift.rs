@@ -1,58 +1,57 @@
-//! By how many ticks each camera is off: the shift at which what it shows meets what the others show.
+//! By how many ticks each camera is late, from what its crops show relative to those of others.
 //!
-//! For two cameras that follow the same people the cost of the distances between their lines of sight is drawn over the
-//! time by which one is moved against the other. What of a keypoint's distance stays the same is left out: it is of the
-//! calibration, or of what the network takes for the keypoint, and says nothing of time. The shifts of all cameras
-//! together are those with the least sum, found from zero by moving one camera at a time; a parabola through the least
-//! cost gives the fraction of a tick.
+//! For two cameras that follow the same people, a curve gives the cost of the distances between
+//! their lines of sight over the time shift between the cameras. The constant part of each
+//! keypoint's distance is left out. It comes from the calibration or from the network, not from
+//! time. The shifts of all cameras minimise the sum of the curves. The search starts at zero and
+//! moves one camera at a time. A parabola through the least cost gives the fraction of a tick.
 
 use farfield_proto::order_statistics::upper_median;
 
 pub(super) mod by_burst;
 pub(super) mod curves;
 pub(super) mod groups;
-pub(super) mod jumps;
-pub(super) mod met;
+pub(super) mod pose_fit;
 pub(super) mod pose_shift;
 pub(super) mod silent;
 
 use self::curves::{Curve, CurvePart, ShiftCosts};
 
-/// Longest shift that is looked for, seconds.
-const LONGEST_S: f64 = 1.0;
-/// So many ticks beside the least cost it must be larger by this factor for the shift to be known.
+/// Longest shift of the search, seconds.
+const MAX_SHIFT_S: f64 = 1.0;
+/// A minimum is sharp if the cost this many ticks away is larger by `MIN_SHARPNESS_RATIO`.
 const SHARP_TICKS: usize = 4;
-const SHARP: f64 = 1.03;
-/// Shifts this near to the longest are no least cost: it may lie beyond.
+const MIN_SHARPNESS_RATIO: f64 = 1.03;
+/// A minimum this near to the longest shift does not count: the true one may lie beyond.
 const EDGE_TICKS: usize = 2;
-/// By which factor most shifts cost more than the least.
-const STANDS_OUT: f64 = 1.25;
+/// Least ratio of the median cost of all shifts to the least cost.
+const MIN_MEDIAN_RATIO: f64 = 1.25;
 /// Rounds in which all cameras are moved.
 const MAX_ROUNDS: usize = 24;
 
-/// Shift in time that is told of, ticks.
+/// Least shift that is reported, ticks.
 pub(super) const LATE_TICKS: f64 = 0.6;
-/// By how much the halves of the keypoints may differ in it, ticks.
-const LATE_DIFFERENCE_TICKS: f64 = 0.5;
+/// Largest difference between the shifts of the two halves of the keypoints, ticks.
+const MAX_LATE_DIFFERENCE_TICKS: f64 = 0.5;
 /// The same as a share of the shift.
-const LATE_DIFFERENCE: f64 = 0.05;
+const MAX_LATE_DIFFERENCE_RATIO: f64 = 0.05;
 
-/// What is known of a camera's time.
+/// The time shift of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Shift {
-    /// By how many ticks its pictures are late: what it shows at a tick happened so many ticks before.
+    /// By how many ticks its pictures are late: they show what happened so many ticks before.
     pub(super) late_ticks: f64,
-    /// Mean cost against the others as they are moved: without and with its own shift.
+    /// Mean cost against the shifted other cameras, without and with its own shift.
     pub(super) cost_before: f64,
     pub(super) cost_after: f64,
-    /// Whether some ticks more or less would be clearly worse: something moved.
+    /// Whether a few ticks more or less cost clearly more, so that people moved enough.
     pub(super) is_sharp: bool,
 }
 
-/// Which keypoints are compared: the halves have different ones, so that one can confirm the other.
+/// Which keypoints are compared. The two halves share none, so that one can confirm the other.
 ///
-/// Networks number left and right keypoints in turn. Each half has both sides of its joints: from where a camera stands one side may
-/// be hidden, or stand on the ground. Then it tells nothing of time.
+/// Networks number left and right keypoints in turn. Each half has both sides of its joints,
+/// because one side may be hidden or stand on the ground. Such a side shows no shift in time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum KeypointHalf {
     All,
@@ -70,7 +69,7 @@ impl KeypointHalf {
     }
 }
 
-/// Per camera its shift; `None` if too little moved before it, or too few others saw the same.
+/// The shift per camera; `None` if too little moved before it, or too few others saw the same.
 pub(super) fn shifts(costs: &mut ShiftCosts<'_>) -> Vec<Option<Shift>> {
     let unknown = vec![None; costs.n_cameras()];
     let part = CurvePart {
@@ -80,7 +79,7 @@ pub(super) fn shifts(costs: &mut ShiftCosts<'_>) -> Vec<Option<Shift>> {
     shifts_of(costs, part, &unknown)
 }
 
-/// Per camera its shift, of a part of what was kept; found from those of `all`, where they are known.
+/// The shift per camera from one part of the samples. The search starts at the shifts of `all`.
 fn shifts_of(
     costs: &mut ShiftCosts<'_>,
     part: CurvePart,
@@ -108,13 +107,13 @@ fn shifts_of(
     let is_compared = |camera: &usize| curves.iter().any(|c| c.a == *camera || c.b == *camera);
     let compared: Vec<usize> = (0..n_cameras).filter(is_compared).collect();
     let fractions = fractions(&curves, &ticks, reach);
-    let right = taken_for_right(&compared, &ticks).into_iter();
-    let right = right.map(|camera| ticks[camera] as f64 + fractions[camera]);
-    let right_ticks = upper_median(right.collect()).unwrap_or(0.0);
+    let references = reference_cameras(&compared, &ticks).into_iter();
+    let references = references.map(|camera| ticks[camera] as f64 + fractions[camera]);
+    let reference_ticks = upper_median(references.collect()).unwrap_or(0.0);
     for tick in &mut ticks {
-        *tick -= right_ticks.round() as isize;
+        *tick -= reference_ticks.round() as isize;
     }
-    let beside = right_ticks - right_ticks.round();
+    let reference_fraction = reference_ticks - reference_ticks.round();
     (0..n_cameras)
         .map(|camera| {
             let sums = sums(&curves, &ticks, camera, reach)?;
@@ -125,27 +124,27 @@ fn shifts_of(
             let at = index(ticks[camera], reach);
             let near = [at.checked_sub(SHARP_TICKS), Some(at + SHARP_TICKS)];
             let mut near = near.into_iter().flatten().filter_map(|at| sums.get(at));
-            let is_sharp = near.all(|sum| sum / sums[at] >= SHARP);
+            let is_sharp = near.all(|sum| sum / sums[at] >= MIN_SHARPNESS_RATIO);
             Some(Shift {
-                late_ticks: ticks[camera] as f64 + fractions[camera] - beside,
+                late_ticks: ticks[camera] as f64 + fractions[camera] - reference_fraction,
                 cost_before: sums[reach] / n,
                 cost_after: sums[at] / n,
-                is_sharp: stands_out(&sums, at) && is_sharp,
+                is_sharp: is_clear_minimum(&sums, at) && is_sharp,
             })
         })
         .collect()
 }
 
-/// Whether the cost at `at` is inside the shifts that were looked at, and clearly less than at most of them.
-fn stands_out(sums: &[f64], at: usize) -> bool {
+/// Whether `at` is not at the edge of the searched shifts, and costs clearly less than most.
+fn is_clear_minimum(sums: &[f64], at: usize) -> bool {
     let known = sums.iter().copied().filter(|sum| sum.is_finite());
     let middle = upper_median(known.collect()).unwrap_or(0.0);
     let is_inside = at >= EDGE_TICKS && at + EDGE_TICKS < sums.len();
-    is_inside && middle >= STANDS_OUT * sums[at]
+    is_inside && middle >= MIN_MEDIAN_RATIO * sums[at]
 }
 
-/// What each camera is off beyond whole ticks: those with which the vertices of all curves agree best, weighted by how
-/// sharp they are.
+/// The fraction of a tick per camera with which the vertices of all curves agree best.
+/// Each vertex is weighted by the bend of its curve.
 fn fractions(curves: &[Curve], ticks: &[isize], reach: usize) -> Vec<f64> {
     let vertices = curves.iter().filter_map(|curve| {
         let at = index(ticks[curve.b] - ticks[curve.a], reach);
@@ -159,12 +158,12 @@ fn fractions(curves: &[Curve], ticks: &[isize], reach: usize) -> Vec<f64> {
     for _ in 0..MAX_ROUNDS {
         for camera in 0..ticks.len() {
             let own = vertices.iter().filter_map(|&(a, b, vertex, bend)| {
-                let said = match camera {
+                let fraction = match camera {
                     _ if camera == a => fractions[b] - vertex,
                     _ if camera == b => fractions[a] + vertex,
                     _ => return None,
                 };
-                Some((said * bend, bend))
+                Some((fraction * bend, bend))
             });
             let (sum, weight) = own.fold((0.0, 0.0), |all, own| (all.0 + own.0, all.1 + own.1));
             if weight > 0.0 {
@@ -175,11 +174,12 @@ fn fractions(curves: &[Curve], ticks: &[isize], reach: usize) -> Vec<f64> {
     fractions
 }
 
-/// Only differences between cameras are seen: of those that are `compared` the ones that have the time which most have, to a tick.
+/// The `compared` cameras whose time is taken as right, because most cameras have it, to a tick.
 ///
-/// Where two groups are as large (of two recorders each has half of the cameras) it is that of the first camera, so that both
-/// halves of the keypoints say so, and all bursts.
-fn taken_for_right(compared: &[usize], ticks: &[isize]) -> Vec<usize> {
+/// Only differences between cameras are observable. Two groups can be equally large, if each of
+/// two recorders has half of the cameras. Then the group of the first camera is the reference, so
+/// that both halves of the keypoints and all bursts have the same reference.
+fn reference_cameras(compared: &[usize], ticks: &[isize]) -> Vec<usize> {
     let near = |of: isize| {
         let near = compared.iter().copied();
         near.filter(move |&camera| (ticks[camera] - of).abs() <= 1)
@@ -205,7 +205,7 @@ fn least(sums: &[f64]) -> Option<(usize, f64)> {
     known.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Where between two neighbours the parabola through three costs is least, -0.5 to 0.5.
+/// The place of the minimum of the parabola through three costs, -0.5 to 0.5.
 pub(super) fn vertex(before: f64, at: f64, after: f64) -> f64 {
     let bend = before + after - 2.0 * at;
     let shift = 0.5 * (before - after) / bend;
@@ -216,8 +216,8 @@ pub(super) fn vertex(before: f64, at: f64, after: f64) -> f64 {
     }
 }
 
-/// The cost against all others, over the shift of one `camera` while the others have those of `ticks`; `None` without
-/// others.
+/// The cost against all others over the shift of one `camera`, while the others keep their `ticks`.
+/// `None` without others.
 fn sums(curves: &[Curve], ticks: &[isize], camera: usize, reach: usize) -> Option<Vec<f64>> {
     let mut sums = vec![0.0; 2 * reach + 1];
     let mut n = 0;
@@ -241,9 +241,11 @@ fn sums(curves: &[Curve], ticks: &[isize], camera: usize, reach: usize) -> Optio
     (n > 0).then_some(sums)
 }
 
-/// Puts shifts that were found of a part of what is known in the place that `others` have for most cameras: only differences
-/// between cameras are seen, and of two groups of cameras each part may take the other for right.
-fn put_beside(shifts: &mut [Option<Shift>], others: &[Option<Shift>]) {
+/// Moves all `shifts` of one part of the samples by the offset to `others` that most cameras have.
+///
+/// Only differences between cameras are observable, so each part may have taken another group of
+/// cameras as its reference.
+fn align_reference(shifts: &mut [Option<Shift>], others: &[Option<Shift>]) {
     let pairs = shifts.iter().zip(others);
     let apart = pairs
         .filter_map(|(own, other)| Some(own.as_ref()?.late_ticks - other.as_ref()?.late_ticks));
@@ -260,9 +262,9 @@ fn put_beside(shifts: &mut [Option<Shift>], others: &[Option<Shift>]) {
     }
 }
 
-/// Whether the halves of the keypoints tell the same shift.
+/// Whether two halves of the keypoints give the same shift, ticks.
 pub(super) fn is_same(first: f64, second: f64) -> bool {
-    let most = LATE_DIFFERENCE_TICKS.max(LATE_DIFFERENCE * first.abs());
+    let most = MAX_LATE_DIFFERENCE_TICKS.max(MAX_LATE_DIFFERENCE_RATIO * first.abs());
     (first - second).abs() <= most
 }
 
@@ -271,22 +273,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_two_recorders_that_of_the_first_camera_is_right_whichever_was_moved() {
+    fn the_first_camera_decides_between_two_equal_groups() {
         for late in [[0, 0, -5, -5], [5, 5, 0, 0]] {
-            assert_eq!(taken_for_right(&[0, 1, 2, 3], &late), [0, 1]);
+            assert_eq!(reference_cameras(&[0, 1, 2, 3], &late), [0, 1]);
         }
     }
 
     #[test]
-    fn the_time_that_most_cameras_have_is_right_whoever_is_first() {
+    fn the_largest_group_is_the_reference() {
         for late in [[7, 0, 0, 1], [0, 4, 4, 4]] {
-            assert_eq!(taken_for_right(&[0, 1, 2, 3], &late), [1, 2, 3]);
+            assert_eq!(reference_cameras(&[0, 1, 2, 3], &late), [1, 2, 3]);
         }
     }
 
     #[test]
-    fn cameras_that_were_not_compared_say_nothing_of_the_right_time() {
-        assert_eq!(taken_for_right(&[0, 1, 4], &[6, 6, 0, 0, 0]), [0, 1]);
+    fn cameras_that_were_not_compared_are_no_reference() {
+        assert_eq!(reference_cameras(&[0, 1, 4], &[6, 6, 0, 0, 0]), [0, 1]);
     }
 
     fn shifts(late_ticks: &[f64]) -> Vec<Option<Shift>> {
@@ -298,20 +300,20 @@ mod tests {
     }
 
     #[test]
-    fn halves_that_take_either_of_two_recorders_for_right_say_the_same() {
+    fn halves_with_different_references_are_aligned() {
         let all = shifts(&[0.0, 0.1, -15.0, -15.2]);
         let mut half = shifts(&[15.1, 15.2, 0.1, -0.3]);
-        put_beside(&mut half, &all);
+        align_reference(&mut half, &all);
         for (own, other) in half.iter().zip(&all) {
             assert!(is_same(own.unwrap().late_ticks, other.unwrap().late_ticks));
         }
     }
 
     #[test]
-    fn a_half_that_says_otherwise_of_one_camera_says_so() {
+    fn a_half_that_differs_in_one_camera_is_not_changed() {
         let all = shifts(&[0.0, 0.1, -3.3]);
         let mut half = shifts(&[0.0, 0.1, -0.5]);
-        put_beside(&mut half, &all);
+        align_reference(&mut half, &all);
         assert_eq!(half, shifts(&[0.0, 0.1, -0.5]));
     }
 }

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use super::super::geometry::meeting;
 use super::super::pairs::{CameraRays, Partners, cost};
-use super::super::samples::COMPARED;
+use super::super::samples::MAX_COMPARED;
 use crate::assign::assign;
 
 /// What it costs to take a keypoint for another: those of a face lie together.
@@ -41,7 +41,7 @@ pub(super) fn keypoint_order(
     for other in others {
         for (bodies, theirs) in own.of_pass.iter().zip(&other.of_pass) {
             let middles: Vec<Vector3<f64>> = theirs.iter().map(|body| middle(body)).collect();
-            for body in bodies.iter().take(COMPARED) {
+            for body in bodies.iter().take(MAX_COMPARED) {
                 let middle = middle(body);
                 // Whatever the order, a middle is one.
                 let gap_m = |them: &Vector3<f64>| {

@@ -1,8 +1,7 @@
 //! What was found when samples of a venue were judged: those that come later are mostly the same, as they are kept for a minute
 //! and judged every few seconds.
 
-use super::super::samples::found::Found;
-use super::super::samples::{Burst, PassSample};
+use super::super::samples::{Burst, PassSample, ResultCache};
 use super::super::time_shift::curves::BurstCosts;
 use crate::sightings::reconstruction::Reconstruction;
 
@@ -10,9 +9,9 @@ use crate::sightings::reconstruction::Reconstruction;
 #[derive(Debug, Default)]
 pub struct JudgedBefore {
     /// What cameras cost beside each other in each burst.
-    pub(in crate::camera_agreement) costs: Found<Burst, BurstCosts>,
+    pub(in crate::camera_agreement) costs: ResultCache<Burst, BurstCosts>,
     /// The bodies on which lines of sight met in each detection pass.
-    pub(in crate::camera_agreement) bodies: Found<PassSample, Vec<Reconstruction>>,
+    pub(in crate::camera_agreement) bodies: ResultCache<PassSample, Vec<Reconstruction>>,
 }
 
 #[cfg(test)]

@@ -84,7 +84,7 @@ impl Judge<'_> {
         let unexplained = findings.unexplained();
         let is_all = unexplained.len() == self.cameras.len();
         for camera in unexplained {
-            let drift = self.drifts[camera].filter(|drift| drift.is_told);
+            let drift = self.drifts[camera].filter(|drift| drift.is_significant);
             let drift = drift.map(|drift| DisagreementCause::Drifts {
                 ticks_per_minute: drift.ticks_per_minute,
             });

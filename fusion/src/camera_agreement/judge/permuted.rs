@@ -91,7 +91,7 @@ impl CostTable {
         let mut pairs = BTreeMap::new();
         let cost = |one: &(Given, CameraRays), other: (Given, &CameraRays)| {
             let is_apart = judge.are_apart(one.0.1, other.0.1) && one.0.0 != other.0.0;
-            let pair = is_apart.then(|| PairAgreement::of(&one.1, other.1));
+            let pair = is_apart.then(|| PairAgreement::of_all(&one.1, other.1));
             pair.filter(|pair| pair.len() >= MIN_KEYPOINTS)
                 .map(|pair| pair.mean_cost())
         };

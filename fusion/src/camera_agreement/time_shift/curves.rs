@@ -1,8 +1,8 @@
-//! What two cameras cost beside each other, over the time by which one is moved against the other.
+//! The cost between two cameras over the time shift between them.
 //!
-//! Distances between lines of sight are looked at once for all who ask. What each burst costs is kept by shift and by half of the
-//! keypoints; what all bursts tell, one of them, or a half, is a sum of these. A burst that has ended does not change: who
-//! judges again hands in what is known of it already.
+//! Distances between lines of sight are computed once. The costs of each burst are cached by shift
+//! and by half of the keypoints. The cost of all bursts, of one burst or of one half is a sum of
+//! these. A burst that has ended does not change, so the caller can pass in its cached costs.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,36 +11,36 @@ use nalgebra::Vector3;
 
 use super::super::geometry::{SightLines, meeting};
 use super::super::pairs::cost;
-use super::super::samples::found::Found;
-use super::super::samples::{Burst, Trail};
-use super::{KeypointHalf, LONGEST_S, index, least};
+use super::super::samples::{Burst, ResultCache, Trail};
+use super::{KeypointHalf, MAX_SHIFT_S, index, least};
 
-/// Keypoints that must have been compared at a shift.
+/// Least number of compared keypoints at a shift.
 const MIN_COMPARED: usize = 60;
-/// One in so many of the keypoints that are compared where most are must be compared at a shift for it to tell.
-const OVERLAP: usize = 2;
-/// Of the ticks of a burst every so many are compared at first; later, near the least cost, all.
+/// A shift is known if it has at least one in so many of the largest number of compared keypoints.
+const MIN_OVERLAP_ONE_IN: usize = 2;
+/// Step of the coarse search through the ticks of a burst. The fine search takes all ticks.
 const COARSE_TICKS: usize = 3;
-/// So many shifts beside the least cost, and beside none, are looked at again.
-const BESIDE: isize = 2;
-/// Other cameras that one is compared with.
+/// The fine search covers so many shifts on each side of the least coarse cost and of no shift.
+const FINE_REACH_TICKS: isize = 2;
+/// Largest number of cameras that each camera is compared with.
 const MAX_PARTNERS: usize = 5;
 
-/// Of two cameras: the mean cost by shift, from `-reach` to `reach` ticks; not a number where nothing is known.
+/// The mean cost of two cameras by shift, from `-reach` to `reach` ticks; NaN if unknown.
 pub(super) struct Curve {
     pub(super) a: usize,
     pub(super) b: usize,
     pub(super) costs: Vec<f64>,
 }
 
-/// What a curve is drawn of: a half of the keypoints, in all bursts or in one of them.
+/// The samples of a curve: a half of the keypoints, in all bursts or in one of them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CurvePart {
     pub(super) half: KeypointHalf,
     pub(super) burst: Option<usize>,
 }
 
-/// What two cameras cost in a burst at a shift, summed, and how many keypoints that is of: of the even and of the odd pairs.
+/// The summed cost of two cameras in a burst at a shift, and the number of compared keypoints;
+/// each for the even and for the odd pairs.
 #[derive(Debug, Clone, Copy, Default)]
 struct SummedCost {
     sums: [f64; 2],
@@ -55,12 +55,11 @@ impl SummedCost {
         }
     }
 
-    /// How many keypoints were compared.
     fn compared(&self) -> usize {
         self.compared[0] + self.compared[1]
     }
 
-    /// Not a number where too little is known.
+    /// NaN if too few keypoints were compared.
     fn mean(&self, half: KeypointHalf) -> f64 {
         let (sum, n) = match half {
             KeypointHalf::All => (
@@ -78,45 +77,45 @@ impl SummedCost {
     }
 }
 
-/// What pairs of cameras cost in a burst, as far as was asked.
+/// The costs of pairs of cameras in a burst that were computed so far.
 #[derive(Debug, Default)]
 pub(in crate::camera_agreement) struct BurstCosts {
-    /// Of some ticks, from the lowest shift on.
+    /// From every `COARSE_TICKS`th tick; by shift, the lowest first.
     coarse: BTreeMap<(usize, usize), Vec<SummedCost>>,
-    /// Of all ticks, by shift.
+    /// From all ticks, by shift.
     fine: BTreeMap<((usize, usize), isize), SummedCost>,
 }
 
-/// What cameras cost beside each other in some bursts.
+/// The costs between cameras in some bursts.
 pub(in crate::camera_agreement) struct ShiftCosts<'a> {
-    bursts: Vec<LookedAt<'a>>,
+    bursts: Vec<ComparedBurst<'a>>,
     lines: &'a [SightLines],
-    /// Longest shift that is looked for, ticks.
+    /// Longest shift of the search, ticks.
     pub(super) reach: usize,
 }
 
 impl<'a> ShiftCosts<'a> {
-    /// In `bursts`, of cameras with these `lines`; what was `found` already is taken out of there.
-    pub(in crate::camera_agreement) fn of(
+    /// For `bursts` and cameras with these `lines`. Costs of these bursts are taken out of `cache`.
+    pub(in crate::camera_agreement) fn new(
         bursts: &[&'a Arc<Burst>],
         lines: &'a [SightLines],
         rate_hz: f64,
-        found: &mut Found<Burst, BurstCosts>,
+        cache: &mut ResultCache<Burst, BurstCosts>,
     ) -> Self {
-        let looked_at = |burst: &&'a Arc<Burst>| LookedAt {
+        let compared = |burst: &&'a Arc<Burst>| ComparedBurst {
             burst,
-            drawn: burst.trails.iter().map(|_| None).collect(),
-            costs: found.take(burst).unwrap_or_default(),
+            rays: burst.trails.iter().map(|_| None).collect(),
+            costs: cache.take(burst).unwrap_or_default(),
         };
         Self {
-            bursts: bursts.iter().map(looked_at).collect(),
+            bursts: bursts.iter().map(compared).collect(),
             lines,
-            reach: (LONGEST_S * rate_hz).round().max(1.0) as usize,
+            reach: (MAX_SHIFT_S * rate_hz).round().max(1.0) as usize,
         }
     }
 
-    /// What is found by now.
-    pub(in crate::camera_agreement) fn into_found(self) -> Found<Burst, BurstCosts> {
+    /// The costs that were computed so far.
+    pub(in crate::camera_agreement) fn into_cache(self) -> ResultCache<Burst, BurstCosts> {
         let bursts = self.bursts.into_iter();
         bursts
             .map(|own| (Arc::clone(own.burst), own.costs))
@@ -131,7 +130,7 @@ impl<'a> ShiftCosts<'a> {
         self.bursts.iter().map(|own| own.burst.as_ref())
     }
 
-    /// Of every camera those beside some others.
+    /// The curves of every camera with some others.
     pub(super) fn curves(&mut self, part: CurvePart) -> Vec<Curve> {
         let mut curves: Vec<Curve> = Vec::new();
         for a in 0..self.lines.len() {
@@ -169,8 +168,8 @@ impl<'a> ShiftCosts<'a> {
             }
         }
         let most = sums.iter().map(SummedCost::compared).max().unwrap_or(0);
-        // Of a few ticks little is left once what stays the same is left out, whatever they show.
-        let is_known = |sum: &SummedCost| OVERLAP * sum.compared() >= most;
+        // If few ticks overlap, little cost is left without the constant part, at any shift.
+        let is_known = |sum: &SummedCost| MIN_OVERLAP_ONE_IN * sum.compared() >= most;
         let means = sums.iter().map(|sum| {
             if is_known(sum) {
                 sum.mean(part.half)
@@ -180,7 +179,8 @@ impl<'a> ShiftCosts<'a> {
         });
         let mut costs: Vec<f64> = means.collect();
         let near = least(&costs)?.0.cast_signed() - reach.cast_signed();
-        for shift in (near - BESIDE..=near + BESIDE).chain(-BESIDE..=BESIDE) {
+        let fine = near - FINE_REACH_TICKS..=near + FINE_REACH_TICKS;
+        for shift in fine.chain(-FINE_REACH_TICKS..=FINE_REACH_TICKS) {
             if shift.unsigned_abs() <= reach {
                 let mut all = SummedCost::default();
                 for burst in &mut *bursts {
@@ -193,16 +193,16 @@ impl<'a> ShiftCosts<'a> {
     }
 }
 
-/// A burst, and what was found in it.
-struct LookedAt<'a> {
+/// A burst and the costs in it.
+struct ComparedBurst<'a> {
     burst: &'a Arc<Burst>,
-    /// Per trail its lines of sight, once they were needed.
-    drawn: Vec<Option<Drawn>>,
+    /// Lines of sight per trail, computed when needed.
+    rays: Vec<Option<TrailRays>>,
     costs: BurstCosts,
 }
 
-impl LookedAt<'_> {
-    /// Of some ticks, from the lowest shift on.
+impl ComparedBurst<'_> {
+    /// The costs from every `COARSE_TICKS`th tick; by shift, the lowest first.
     fn coarse(
         &mut self,
         pair: (usize, usize),
@@ -210,53 +210,55 @@ impl LookedAt<'_> {
         reach: usize,
     ) -> &[SummedCost] {
         if !self.costs.coarse.contains_key(&pair) {
-            let trails = self.drawn_of(pair, lines);
+            let trails = self.trail_pairs(pair, lines);
             let shifts = -reach.cast_signed()..=reach.cast_signed();
             let mut buffers = Buffers::default();
-            let costs = shifts.map(|shift| self.at(&trails, (shift, COARSE_TICKS), &mut buffers));
+            let costs = shifts.map(|shift| self.cost(&trails, shift, COARSE_TICKS, &mut buffers));
             let costs = costs.collect();
             self.costs.coarse.insert(pair, costs);
         }
         &self.costs.coarse[&pair]
     }
 
-    /// Of all ticks.
+    /// The cost from all ticks.
     fn fine(&mut self, pair: (usize, usize), lines: &[SightLines], shift: isize) -> SummedCost {
         if let Some(known) = self.costs.fine.get(&(pair, shift)) {
             return *known;
         }
-        let trails = self.drawn_of(pair, lines);
-        let cost = self.at(&trails, (shift, 1), &mut Buffers::default());
+        let trails = self.trail_pairs(pair, lines);
+        let cost = self.cost(&trails, shift, 1, &mut Buffers::default());
         self.costs.fine.insert((pair, shift), cost);
         cost
     }
 
-    /// The trails of one person in both cameras; their lines of sight are drawn then.
-    fn drawn_of(&mut self, (a, b): (usize, usize), lines: &[SightLines]) -> Vec<(usize, usize)> {
+    /// The pairs of trails of one person in both cameras. Computes their lines of sight.
+    fn trail_pairs(&mut self, (a, b): (usize, usize), lines: &[SightLines]) -> Vec<(usize, usize)> {
         let trails = &self.burst.trails;
-        let of = |camera: usize| (0..trails.len()).filter(move |&at| trails[at].camera == camera);
-        let pairs = of(a).filter_map(|first| {
+        let in_camera =
+            |camera: usize| (0..trails.len()).filter(move |&at| trails[at].camera == camera);
+        let pairs = in_camera(a).filter_map(|first| {
             let is_same = |&second: &usize| trails[second].person == trails[first].person;
-            Some((first, of(b).find(is_same)?))
+            Some((first, in_camera(b).find(is_same)?))
         });
         let pairs: Vec<(usize, usize)> = pairs.collect();
         for at in pairs.iter().flat_map(|&(first, second)| [first, second]) {
             let trail = &trails[at];
-            self.drawn[at].get_or_insert_with(|| Drawn::of(trail, &lines[trail.camera]));
+            self.rays[at].get_or_insert_with(|| TrailRays::new(trail, &lines[trail.camera]));
         }
         pairs
     }
 
-    /// What these trails cost at a shift, of every so many ticks.
-    fn at(
+    /// The cost of these pairs of trails at a shift, from every `every`th tick.
+    fn cost(
         &self,
         trails: &[(usize, usize)],
-        (shift, every): (isize, usize),
+        shift: isize,
+        every: usize,
         buffers: &mut Buffers,
     ) -> SummedCost {
         let mut sum = SummedCost::default();
         for &(first, second) in trails {
-            if let (Some(first), Some(second)) = (&self.drawn[first], &self.drawn[second]) {
+            if let (Some(first), Some(second)) = (&self.rays[first], &self.rays[second]) {
                 first.compare(second, (shift, every), buffers, &mut sum);
             }
         }
@@ -264,15 +266,16 @@ impl LookedAt<'_> {
     }
 }
 
-/// What is used again from comparison to comparison.
+/// Memory that comparisons reuse.
 #[derive(Default)]
 struct Buffers {
-    /// Ticks that are compared, each with that of the other which is before its instant, and the share of the way to the next.
+    /// Compared ticks; for each, the tick of the other trail just before the same instant, and the
+    /// share of the way to its next tick.
     ticks: Vec<(usize, usize, f64)>,
     gaps_m: Vec<f64>,
 }
 
-/// What the distances of one keypoint cost beyond what stays the same, summed. Puts them in another order.
+/// The summed cost of the distances of one keypoint from their median. Reorders the distances.
 fn cost_of_change(gaps_m: &mut [f64]) -> f64 {
     if gaps_m.is_empty() {
         return 0.0;
@@ -283,17 +286,17 @@ fn cost_of_change(gaps_m: &mut [f64]) -> f64 {
 }
 
 /// The lines of sight of a trail.
-struct Drawn {
+struct TrailRays {
     center_m: Vector3<f64>,
-    /// Per tick: when its picture was taken, ticks after it.
+    /// Time of the picture after each tick, ticks.
     late: Vec<Option<f64>>,
     n_keypoints: usize,
-    /// Per keypoint all ticks; zero where it is not seen.
+    /// All ticks of the first keypoint, then of the next; zero if it is not seen.
     directions: Vec<Vector3<f64>>,
 }
 
-impl Drawn {
-    fn of(trail: &Trail, lines: &SightLines) -> Self {
+impl TrailRays {
+    fn new(trail: &Trail, lines: &SightLines) -> Self {
         let ticks = (0..trail.len()).map(|tick| trail.at(tick));
         let n_keypoints = ticks.clone().flatten().map(|(_, seen)| seen.len()).next();
         let n_keypoints = n_keypoints.unwrap_or(0);
@@ -313,13 +316,13 @@ impl Drawn {
         }
     }
 
-    /// Where a keypoint is seen, by tick.
+    /// The directions of a keypoint by tick.
     fn keypoint(&self, keypoint: usize) -> &[Vector3<f64>] {
         let n_ticks = self.late.len();
         &self.directions[keypoint * n_ticks..][..n_ticks]
     }
 
-    /// Adds what keypoints cost where `other` is looked up `shift` ticks after this.
+    /// Adds the cost to `other`, taken `shift` ticks later, from every `every`th tick.
     fn compare(
         &self,
         other: &Self,
@@ -351,11 +354,12 @@ impl Drawn {
         }
     }
 
-    /// The tick before the instant `late` ticks after `at`, and the share of the way to the next.
+    /// The tick just before the instant `late` ticks after `at`, and the share of the way to its
+    /// next tick.
     fn around(&self, at: isize, late: f64) -> Option<(usize, f64)> {
         let at = usize::try_from(at).ok()?;
         let own = (*self.late.get(at)?)?;
-        // How far the own picture of that tick is from the instant.
+        // From the picture of that tick to the instant, ticks.
         let ahead = late - own;
         let whole = ahead.floor();
         let before = usize::try_from(at.cast_signed() + whole as isize).ok()?;

@@ -1,58 +1,60 @@
-//! Cameras that show nobody while people are in their pictures: black, covered, or files in which nobody is any more.
+//! Cameras without sightings while people are in their pictures: black, covered, or files that end.
 //!
-//! That people are there is told by poses, and by two other cameras that show the same people at the same time. A wall hides people
-//! from a camera, too. So somebody counts where this camera has shown people before; a camera that never showed anybody is told of only
-//! where nearly all others show nearly everybody who is in their pictures.
+//! A person counts as present if there is a pose, and two other cameras show the person at the same
+//! time. A wall can hide people from a camera, too. So a person counts only where the camera has
+//! shown people before. A camera without any sightings is reported only if nearly all others show
+//! nearly all people in their pictures.
 
 use farfield_proto::tick::Tick;
 use nalgebra::Vector2;
 
 use super::super::samples::{PassSample, Samples};
 use super::KeypointHalf;
-use super::pose_shift::{Projected, Search, Sighted};
+use super::pose_shift::{PoseSearch, Projected, Sighted};
 
-/// Least detection passes with somebody where the camera showed people before, per camera of its viewpoint (fusion may have looked
-/// through another one), and for how long, seconds.
+/// Least number of missed passes (with a person where the camera showed people before) per camera
+/// of its viewpoint, and least time between the first and the last, seconds. The number is per
+/// camera because a pass may have run in another camera of the viewpoint.
 const MIN_PASSES: usize = 4;
 const MIN_S: f64 = 2.0;
-/// The same of a camera that showed nobody as long as is known.
-const MIN_PASSES_OF_NEVER: usize = 10;
-const MIN_S_OF_NEVER: f64 = 5.0;
-/// How near somebody must be to where people were shown, metres across and as a share of the depth.
+/// The same for a camera without any kept sightings.
+const MIN_PASSES_IF_NEVER: usize = 10;
+const MIN_S_IF_NEVER: f64 = 5.0;
+/// Largest distance between two people at the same place: metres across, and as a share of depth.
 const SAME_PLACE_M: f64 = 0.6;
-const SAME_DEPTH: f64 = 0.25;
-/// Other cameras that must show somebody who is said to be there.
-const SHOWN_BY: usize = 2;
-/// Least height of somebody who must be seen, pixels: detectors need some.
-const LEAST_PX: f64 = 80.0;
-/// Passes in which the camera must have shown people, to be one that shows them.
+const SAME_DEPTH_RATIO: f64 = 0.25;
+/// Number of other cameras that must show a person who counts as present.
+const MIN_OTHER_CAMERAS: usize = 2;
+/// Least height of a person that a detector can find, pixels.
+const MIN_HEIGHT_PX: f64 = 80.0;
+/// Number of passes with known people that a camera must have had before it became silent.
 const MIN_SHOWING: usize = 3;
-/// Which share of those in their pictures other cameras show where nothing hides people.
-const OPEN: f64 = 0.8;
-/// Least people in the pictures of a camera that tells of that, and least such cameras.
+/// A view is open if the camera shows at least this share of the people in its picture.
+const MIN_OPEN_SHARE: f64 = 0.8;
+/// Least number of people in the pictures of a camera with an open view, and of such cameras.
 const MIN_IN_PICTURE: usize = 8;
 const MIN_OPEN: usize = 2;
-/// What a sighting costs at the most that is somebody.
-const IS_SOMEBODY: f64 = 0.5;
+/// Mean cost below which a sighting is of a person.
+const MAX_SAME_PERSON_COST: f64 = 0.5;
 
-/// Since when a camera shows nobody.
+/// The time since which a camera has no sightings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::camera_agreement) struct Silence {
-    /// The first detection pass without anybody; `None` where it never showed anybody.
+    /// The first detection pass without sightings; `None` if the camera never had any.
     pub(in crate::camera_agreement) since: Option<Tick>,
 }
 
-/// What a camera shows of those who are there, at a detection pass.
+/// The tracked people that a camera shows at a detection pass.
 #[derive(Debug, Clone, Default)]
 pub(in crate::camera_agreement) struct SeenPass {
-    /// Whether it shows anybody, wherever.
+    /// Whether it has any sighting.
     shows: bool,
-    /// How many sightings it has, and how many of these are of somebody who is there.
+    /// Number of sightings, and of those that are of a tracked person.
     pub(in crate::camera_agreement) sightings: usize,
     pub(in crate::camera_agreement) used: usize,
-    /// Who is in its picture, large enough.
+    /// People in its picture who are large enough.
     here: Vec<Place>,
-    /// Those who are shown.
+    /// People who are shown.
     shown: Vec<u32>,
 }
 
@@ -68,33 +70,32 @@ impl Place {
     fn is_near(&self, other: &Self) -> bool {
         let depths_m = [self, other].map(|place| place.pixel_m * place.focal_px);
         let off_m = (self.middle_px - other.middle_px).norm() * self.pixel_m;
-        off_m <= SAME_PLACE_M && (depths_m[0] - depths_m[1]).abs() <= SAME_DEPTH * depths_m[0]
+        off_m <= SAME_PLACE_M && (depths_m[0] - depths_m[1]).abs() <= SAME_DEPTH_RATIO * depths_m[0]
     }
 }
 
-impl Search<'_> {
-    /// What the camera shows at every pass.
+impl PoseSearch<'_> {
     pub(super) fn seen_passes(&self) -> Vec<SeenPass> {
         self.passes.iter().map(|pass| self.seen_at(pass)).collect()
     }
 
     fn seen_at(&self, pass: &PassSample) -> SeenPass {
         let bodies = pass.of_camera[self.camera].iter();
-        let seen = bodies.filter_map(|body| Sighted::of(body, KeypointHalf::All));
+        let seen = bodies.filter_map(|body| Sighted::new(body, KeypointHalf::All));
         let seen: Vec<Sighted> = seen.collect();
         let people = self.people_at(pass, 0).unwrap_or_default();
         let is_shown = |person: &&Projected| {
             let one = std::slice::from_ref(*person);
             seen.iter()
-                .any(|seen| seen.cost(one, self.focal_px) < IS_SOMEBODY)
+                .any(|seen| seen.cost(one, self.focal_px) < MAX_SAME_PERSON_COST)
         };
         let here = people
             .iter()
-            .filter(|person| self.is_in_picture(person) && height_px(person) >= LEAST_PX);
-        let is_used = |seen: &&Sighted| seen.cost(people, self.focal_px) < IS_SOMEBODY;
+            .filter(|person| self.is_in_picture(person) && height_px(person) >= MIN_HEIGHT_PX);
+        let is_used = |seen: &&Sighted| seen.cost(people, self.focal_px) < MAX_SAME_PERSON_COST;
         SeenPass {
             shows: !seen.is_empty(),
-            // Where nobody is followed none could be used.
+            // Without tracked people, no sighting could be used.
             sightings: if people.is_empty() { 0 } else { seen.len() },
             used: seen.iter().filter(is_used).count(),
             here: here
@@ -118,8 +119,8 @@ fn height_px(person: &Projected) -> f64 {
     bottom - top
 }
 
-/// Per camera since when it shows nobody although people are in its picture. `seen` is what each shows, by pass; `per_viewpoint`
-/// how many cameras its viewpoint has.
+/// Per camera, the time since which it has no sightings although people are in its picture. `seen`
+/// has the passes of each camera, `per_viewpoint` the number of cameras of its viewpoint.
 pub(in crate::camera_agreement) fn silences(
     seen: &[Vec<SeenPass>],
     per_viewpoint: &[usize],
@@ -132,8 +133,8 @@ pub(in crate::camera_agreement) fn silences(
         samples,
         rate_hz,
     };
-    let of = |(camera, n): (usize, &usize)| all.silence(camera, *n);
-    per_viewpoint.iter().enumerate().map(of).collect()
+    let silence = |(camera, n): (usize, &usize)| all.silence(camera, *n);
+    per_viewpoint.iter().enumerate().map(silence).collect()
 }
 
 struct AllSeen<'a> {
@@ -158,9 +159,9 @@ impl AllSeen<'_> {
                 pass.here.iter().filter(is_shown).copied()
             })
             .collect();
-        let there = |at: usize| self.surely_here(camera, at);
+        let present = |at: usize| self.present_people(camera, at);
         let is_missed = |place: Place| before.iter().any(|shown| place.is_near(shown));
-        let missed = after.iter().filter(|&&at| there(at).any(is_missed));
+        let missed = after.iter().filter(|&&at| present(at).any(is_missed));
         let missed: Vec<usize> = missed.copied().collect();
         if showing >= MIN_SHOWING
             && missed.len() >= MIN_PASSES * per_viewpoint
@@ -169,14 +170,14 @@ impl AllSeen<'_> {
             let since = after.first().map(|&at| self.tick(at));
             return Some(Silence { since });
         }
-        let there: Vec<usize> = after
+        let with_people: Vec<usize> = after
             .into_iter()
-            .filter(|&at| there(at).next().is_some())
+            .filter(|&at| present(at).next().is_some())
             .collect();
         let is_never = begin.is_none()
-            && there.len() >= MIN_PASSES_OF_NEVER * per_viewpoint
-            && self.lasts(&there, MIN_S_OF_NEVER);
-        (is_never && self.is_open(camera)).then(|| Silence {
+            && with_people.len() >= MIN_PASSES_IF_NEVER * per_viewpoint
+            && self.lasts(&with_people, MIN_S_IF_NEVER);
+        (is_never && self.are_others_open(camera)).then(|| Silence {
             since: self.samples.last_shown(camera),
         })
     }
@@ -193,37 +194,37 @@ impl AllSeen<'_> {
         })
     }
 
-    /// Those in the picture of a camera at a pass whom others show.
-    fn surely_here(&self, camera: usize, pass: usize) -> impl Iterator<Item = Place> {
+    /// The people in the picture of a camera at a pass that enough other cameras show.
+    fn present_people(&self, camera: usize, pass: usize) -> impl Iterator<Item = Place> {
         let shown_by_others = move |person: u32| {
             let others = (0..self.seen.len()).filter(|&other| other != camera);
             let showing = others.filter(|&other| self.seen[other][pass].shown.contains(&person));
-            showing.take(SHOWN_BY).count() == SHOWN_BY
+            showing.take(MIN_OTHER_CAMERAS).count() == MIN_OTHER_CAMERAS
         };
         let here = self.seen[camera][pass].here.iter().copied();
         here.filter(move |place| shown_by_others(place.person))
     }
 
-    /// Whether nearly all other cameras show nearly everybody who is in their pictures.
-    fn is_open(&self, camera: usize) -> bool {
+    /// Whether nearly all other cameras show nearly all people in their pictures.
+    fn are_others_open(&self, camera: usize) -> bool {
         let others = (0..self.seen.len()).filter(|&other| other != camera);
         let shares = others.filter_map(|other| {
             let (mut shown, mut all) = (0, 0);
             for (at, pass) in self.seen[other].iter().enumerate() {
-                // Of a pass in which it shows nobody it may not have been asked.
-                let was_asked = pass.shows
+                // A pass without sightings may not have run in this camera.
+                let has_run = pass.shows
                     || self.per_viewpoint[other] == 1
                         && !self.samples.is_absent(other, self.tick(at));
-                for place in self.surely_here(other, at).filter(|_| was_asked) {
+                for place in self.present_people(other, at).filter(|_| has_run) {
                     all += 1;
                     shown += usize::from(pass.shown.contains(&place.person));
                 }
             }
-            (all >= MIN_IN_PICTURE).then_some(shown as f64 >= OPEN * all as f64)
+            (all >= MIN_IN_PICTURE).then_some(shown as f64 >= MIN_OPEN_SHARE * all as f64)
         });
         let are_open: Vec<bool> = shares.collect();
         let n_open = are_open.iter().filter(|is| **is).count();
-        n_open >= MIN_OPEN && n_open as f64 >= OPEN * are_open.len() as f64
+        n_open >= MIN_OPEN && n_open as f64 >= MIN_OPEN_SHARE * are_open.len() as f64
     }
 }
 
@@ -233,8 +234,9 @@ mod tests {
 
     const RATE_HZ: f64 = 30.0;
 
-    /// Passes every half second of four cameras that all have one person in their pictures, who walks to and fro; whether the first
-    /// shows her, and the third and fourth.
+    /// The silence of the first of four cameras. A person walks to and fro in the pictures of all,
+    /// with a pass every half second. The arguments are whether the first camera shows the person
+    /// at a pass, and whether the third and the fourth do; the second always does.
     fn silence(
         passes: usize,
         first_shows: impl Fn(usize) -> bool,
@@ -271,24 +273,24 @@ mod tests {
                 .into(),
             );
         }
-        let of = |camera: usize| (0..passes).map(|at| pass_of(camera, at)).collect();
-        let seen: Vec<Vec<SeenPass>> = (0..4).map(of).collect();
+        let passes_of = |camera: usize| (0..passes).map(|at| pass_of(camera, at)).collect();
+        let seen: Vec<Vec<SeenPass>> = (0..4).map(passes_of).collect();
         silences(&seen, &[1; 4], &samples, RATE_HZ)[0]
     }
 
     #[test]
-    fn a_camera_that_goes_black_is_told_of_since_its_first_empty_pass() {
-        let told = silence(16, |at| at < 6, |_, _| true);
+    fn a_camera_that_goes_black_is_silent_since_its_first_empty_pass() {
+        let black = silence(16, |at| at < 6, |_, _| true);
         let since = Some(Tick(90));
-        assert_eq!(told, Some(Silence { since }));
+        assert_eq!(black, Some(Silence { since }));
     }
 
     #[test]
-    fn a_camera_that_never_showed_anybody_is_told_of_where_nothing_hides_people_from_the_others() {
-        let told = silence(16, |_| false, |_, _| true);
-        assert_eq!(told, Some(Silence { since: None }));
+    fn a_camera_without_any_sightings_is_silent_if_others_have_open_views() {
+        let black = silence(16, |_| false, |_, _| true);
+        assert_eq!(black, Some(Silence { since: None }));
         assert_eq!(silence(8, |_| false, |_, _| true), None, "too short");
-        // Walls: the others show somebody now and then.
+        // Walls: the others show the person only now and then.
         assert_eq!(
             silence(16, |_| false, |camera, at| at % 3 != camera - 2),
             None
@@ -296,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_shows_people_sometimes_is_no_fault() {
+    fn a_camera_with_some_sightings_is_not_silent() {
         for every in [2, 3, 5] {
             assert_eq!(silence(16, |at| at % every == 0, |_, _| true), None);
         }
@@ -304,7 +306,7 @@ mod tests {
         assert_eq!(
             silence(16, |at| at < 6, |_, _| false),
             None,
-            "who is there?"
+            "too few other cameras"
         );
     }
 }

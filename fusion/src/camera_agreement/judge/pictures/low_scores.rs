@@ -67,7 +67,7 @@ impl Judge<'_> {
         let rays = |&camera: &usize| {
             let of = (camera, self.cameras[camera].size_px);
             let change = (PictureChange::AsItIs, self.partners);
-            let rays = CameraRays::of(&passes, of, &self.lines[camera], change);
+            let rays = CameraRays::new(&passes, of, &self.lines[camera], change);
             (camera, rays)
         };
         let at_any: BTreeMap<usize, CameraRays> = unsure.iter().map(rays).collect();

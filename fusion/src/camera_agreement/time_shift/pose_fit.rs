@@ -1,58 +1,58 @@
-//! What sightings say of a camera beside the poses of all: its shift in time, how far off it is, and whether it shows those
-//! who are there.
+//! How the sightings of a camera fit the poses of all people: its shift in time, and whether it
+//! shows the tracked people.
 //!
-//! Whoever is in its picture by where people are, and is not shown, while it shows somebody who is nowhere, is missed. Of a
-//! camera that is right few are, whatever hides them.
+//! A person is missed if the pose is in the picture without a sighting, while the camera has a
+//! sighting without a pose. A right camera misses few people, also behind obstacles.
 
 use super::super::geometry::SightLines;
 use super::super::samples::{MAX_BODIES, PassSample, PosedTick, Samples};
 use super::KeypointHalf;
-use super::pose_shift::{PoseShift, Projected, Search, Sighted};
+use super::pose_shift::{PoseSearch, PoseShift, Projected, Sighted};
 use super::silent::SeenPass;
 
-/// Least mean cost of a sighting that is nobody there.
-const ELSEWHERE: f64 = 0.5;
-/// Share of the keypoints of somebody who is in the picture.
-const IN_PICTURE: f64 = 0.9;
-/// How many must be missed, or met, in how many passes, and how many times as many as are met, or missed. Cameras that are
-/// right miss 0.16 times as many as they meet, at the most, on the recordings and in fifty runs of scenes.
+/// Mean cost below which a sighting is of a person.
+const MAX_SAME_PERSON_COST: f64 = 0.5;
+/// Least share of the keypoints in the picture of a person who is in it.
+const MIN_SHARE_IN_PICTURE: f64 = 0.9;
+/// Least number of shown, or missed, people; least number of passes; least ratio between the two
+/// numbers. On the recordings and in fifty runs of scenes, right cameras missed at most 0.16 times
+/// as many people as they showed.
 const MIN_PEOPLE: usize = 6;
 const MIN_PASSES: usize = 3;
-const FACTOR: usize = 2;
+const MIN_RATIO: usize = 2;
 
-/// How many people a camera met.
+/// How many tracked people a camera shows and misses, summed over passes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(in crate::camera_agreement) struct Met {
     shown: usize,
     missed: usize,
-    /// Passes in which somebody was missed.
+    /// Passes with missed people.
     passes: usize,
 }
 
 impl Met {
-    /// Whether the camera shows people, and others than are there.
+    /// Whether the camera shows other people than the tracked ones.
     pub(in crate::camera_agreement) fn shows_others(&self) -> bool {
-        self.missed >= MIN_PEOPLE.max(FACTOR * self.shown) && self.passes >= MIN_PASSES
+        self.missed >= MIN_PEOPLE.max(MIN_RATIO * self.shown) && self.passes >= MIN_PASSES
     }
 
-    /// Whether it shows those who are there.
+    /// Whether it shows the tracked people.
     pub(in crate::camera_agreement) fn shows_them(&self) -> bool {
-        self.shown >= MIN_PEOPLE.max(FACTOR * self.missed)
+        self.shown >= MIN_PEOPLE.max(MIN_RATIO * self.missed)
     }
 }
 
-/// What sightings say of a camera beside the poses of all.
+/// How the sightings of a camera fit the poses of all people.
 #[derive(Debug, Clone, Default)]
 pub(in crate::camera_agreement) struct PoseFit {
-    /// Its shift; `None` where people moved too little before it, or too few were sighted.
+    /// Its shift; `None` if people moved too little before it, or too few were sighted.
     pub(in crate::camera_agreement) shift: Option<PoseShift>,
-    /// Who is met.
     pub(in crate::camera_agreement) met: Met,
-    /// What it shows, by detection pass.
+    /// The shown people by detection pass.
     pub(in crate::camera_agreement) seen: Vec<SeenPass>,
 }
 
-/// That of every camera.
+/// The fit of every camera.
 pub(in crate::camera_agreement) fn pose_fits(
     samples: &Samples,
     lines: &[SightLines],
@@ -61,18 +61,18 @@ pub(in crate::camera_agreement) fn pose_fits(
     let poses: Vec<&PosedTick> = samples.poses.iter().map(AsRef::as_ref).collect();
     let passes: Vec<&PassSample> = samples.passes.iter().map(AsRef::as_ref).collect();
     let every = samples.pose_every_ticks();
-    let of = |(camera, lines): (usize, &SightLines)| {
-        let search = Search::of((camera, lines), &poses, (&passes, every));
+    let fit = |(camera, lines): (usize, &SightLines)| {
+        let search = PoseSearch::new((camera, lines), &poses, (&passes, every));
         PoseFit {
             shift: search.shift(rate_hz),
             met: search.met(),
             seen: search.seen_passes(),
         }
     };
-    lines.iter().enumerate().map(of).collect()
+    lines.iter().enumerate().map(fit).collect()
 }
 
-impl Search<'_> {
+impl PoseSearch<'_> {
     pub(super) fn met(&self) -> Met {
         let mut all = Met::default();
         for pass in self.passes {
@@ -80,23 +80,23 @@ impl Search<'_> {
                 continue;
             };
             let bodies = &pass.of_camera[self.camera];
-            // Of more than are kept nobody knows who is missing.
-            if bodies.len() >= MAX_BODIES || !self.knows_everybody_at(pass) {
+            // Sightings and people beyond the maximum are not kept, so any may be missing.
+            if bodies.len() >= MAX_BODIES || !self.has_all_people_at(pass) {
                 continue;
             }
             let seen = bodies
                 .iter()
-                .filter_map(|body| Sighted::of(body, KeypointHalf::All));
+                .filter_map(|body| Sighted::new(body, KeypointHalf::All));
             let seen: Vec<Sighted> = seen.collect();
             let fits = |seen: &Sighted, person: &Projected| {
                 let one = std::slice::from_ref(person);
-                seen.cost(one, self.focal_px) < ELSEWHERE
+                seen.cost(one, self.focal_px) < MAX_SAME_PERSON_COST
             };
             let is_shown = |person: &Projected| seen.iter().any(|seen| fits(seen, person));
-            let is_somebody = |seen: &&Sighted| people.iter().any(|person| fits(seen, person));
+            let is_known = |seen: &&Sighted| people.iter().any(|person| fits(seen, person));
             let expected = people.iter().filter(|person| self.is_in_picture(person));
             let (shown, hidden): (Vec<_>, Vec<_>) = expected.partition(|person| is_shown(person));
-            let strangers = seen.iter().filter(|seen| !is_somebody(seen)).count();
+            let strangers = seen.iter().filter(|seen| !is_known(seen)).count();
             let missed = hidden.len().min(strangers);
             all.shown += shown.len();
             all.missed += missed;
@@ -109,7 +109,7 @@ impl Search<'_> {
         let inside = person.keypoints.iter().flatten().filter(|(px, _)| {
             (0.0..self.size_px.x).contains(&px.x) && (0.0..self.size_px.y).contains(&px.y)
         });
-        inside.count() as f64 >= IN_PICTURE * person.keypoints.len() as f64
+        inside.count() as f64 >= MIN_SHARE_IN_PICTURE * person.keypoints.len() as f64
     }
 }
 
@@ -124,9 +124,10 @@ mod tests {
 
     const EVERY_TICKS: i64 = 6;
 
-    /// What the camera shows at `passes` passes of somebody at `shown_m`, while people are at `people_m` (x, y).
+    /// The counts of a camera that sights people at `shown_m` (x, y) in each of `passes` passes,
+    /// while the poses are at `people_m`.
     fn met(passes: i64, people_m: &[[f32; 2]], shown_m: &[[f32; 2]]) -> Met {
-        let lines = SightLines::of(&hall().cameras[0].1);
+        let lines = SightLines::from_camera(&hall().cameras[0].1);
         let body = |at: &[f32; 2]| -> Vec<[f32; 3]> {
             let place = |k: u8| [at[0] + 0.02 * f32::from(k), at[1], 0.1 * f32::from(k)];
             (0..17).map(place).collect()
@@ -159,11 +160,11 @@ mod tests {
             .collect();
         let posed: Vec<&PosedTick> = posed.iter().collect();
         let shown: Vec<&PassSample> = shown.iter().collect();
-        Search::of((0, &lines), &posed, (&shown, EVERY_TICKS)).met()
+        PoseSearch::new((0, &lines), &posed, (&shown, EVERY_TICKS)).met()
     }
 
     #[test]
-    fn a_camera_that_shows_others_than_are_there_is_told_from_one_that_shows_them() {
+    fn a_camera_that_shows_other_people_differs_from_a_right_one() {
         let people = [[-1.0, 0.0], [1.0, 0.5]];
         let right = met(8, &people, &people);
         assert!(right.shows_them() && !right.shows_others(), "{right:?}");
@@ -172,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_shows_nobody_misses_nobody() {
+    fn a_camera_without_sightings_misses_no_people() {
         let silent = met(8, &[[-1.0, 0.0]], &[]);
         assert!(!silent.shows_others() && !silent.shows_them(), "{silent:?}");
         let short = met(2, &[[-1.0, 0.0], [1.0, 0.5]], &[[0.0, -0.6], [0.2, 0.9]]);
@@ -180,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn of_more_people_than_are_kept_nobody_is_missed() {
+    fn no_people_are_missed_beyond_the_maximum() {
         let people: Vec<[f32; 2]> = (0..MAX_POSED).map(|i| [0.05 * i as f32, 0.0]).collect();
         let others = [[-1.4, 0.0], [-1.4, 1.0]];
         assert!(met(8, &people[1..], &others).shows_others());
