@@ -1,8 +1,8 @@
-//! Whether the pictures of a camera stand still while people move before it: a recording whose picture stops, keypoints that
-//! were written again and again.
+//! Whether the pictures of a camera are frozen while people move in front of it, because a
+//! recording stopped or because keypoints were written again and again.
 //!
-//! Whom a camera shows is never the same to the last bit for long, but where nothing moves and nothing flickers: a poster in
-//! a compressed video. So somebody whom all others follow must have gone through the picture meanwhile.
+//! Sightings are never bit-identical for long, except of something static such as a poster in a
+//! compressed video. So a person that others follow must have moved through the picture.
 
 use farfield_proto::tick::Tick;
 use nalgebra::{Vector2, Vector3};
@@ -10,18 +10,20 @@ use nalgebra::{Vector2, Vector3};
 use super::geometry::SightLines;
 use super::samples::{PassSample, PosedTick, Samples, SeenBody};
 
-/// Detection passes in a row that must show the same, and for how long, seconds. They may be a second apart.
+/// Least number of identical detection passes in a row, and least time from the first to the last,
+/// seconds. Passes may be a second apart.
 const MIN_PASSES: usize = 3;
 const MIN_S: f64 = 1.5;
-/// The newest of these passes is no older than that, seconds: a camera in whose picture nobody is left tells nothing any more.
-const NEWEST_S: f64 = 2.5;
-/// Keypoints that a sighting must show to tell: those of little score are not kept, and what shows none is always the same.
+/// Largest age of the newest of these passes, seconds. An older one means that people left.
+const MAX_AGE_S: f64 = 2.5;
+/// Least number of keypoints of a sighting. Keypoints with low scores are not kept, and sightings
+/// without keypoints are always the same.
 const MIN_SEEN: usize = 5;
-/// How far somebody must have gone in the picture meanwhile, as a share of its width.
-const MOVED: f64 = 0.05;
+/// Least distance that a person must have moved, as a share of the width of the picture.
+const MIN_MOVED_RATIO: f64 = 0.05;
 
-/// The tick since which `camera` has shown the same in every detection pass in which it showed anybody (some passes are of other
-/// cameras alone), if people moved before it.
+/// The tick since which all passes of `camera` with sightings are identical, if people moved in its
+/// picture. Passes without sightings do not count, because some run in other cameras only.
 pub(super) fn frozen_since(
     samples: &Samples,
     (camera, lines): (usize, &SightLines),
@@ -41,12 +43,12 @@ pub(super) fn frozen_since(
     let since = *ticks.last()?;
     let is_long = (newest.tick - since) as f64 >= MIN_S * rate_hz;
     let age = samples.passes.back()?.tick - newest.tick;
-    if ticks.len() < MIN_PASSES || !is_long || age as f64 > NEWEST_S * rate_hz {
+    if ticks.len() < MIN_PASSES || !is_long || age as f64 > MAX_AGE_S * rate_hz {
         return None;
     }
     let places = |tick: Tick| places(samples, tick, lines);
     let first = places(since);
-    let moved_px = MOVED * lines.size_px().x;
+    let moved_px = MIN_MOVED_RATIO * lines.size_px().x;
     let moves = |tick: Tick| {
         places(tick).iter().any(|(person, now_px)| {
             let before = first.iter().find(|(other, _)| other == person);
@@ -56,7 +58,7 @@ pub(super) fn frozen_since(
     ticks.into_iter().any(moves).then_some(since)
 }
 
-/// The people whose middle is in the picture at a tick, and where, pixels.
+/// The people whose middle is in the picture at a tick, and the middle, pixels.
 fn places(samples: &Samples, tick: Tick, lines: &SightLines) -> Vec<(u32, Vector2<f64>)> {
     let off = |posed: &PosedTick| (posed.tick.0 - tick.0).abs();
     let posed = samples.poses.iter().min_by_key(|posed| off(posed));
@@ -91,13 +93,13 @@ mod tests {
 
     const RATE_HZ: f64 = 30.0;
 
-    /// Of a pass every half second what the first camera of a hall shows at x (pixels; not a number where it shows nobody),
-    /// while somebody walks so fast along the hall.
+    /// The frozen tick of the first camera in a hall, with a pass every half second. `shown` is the
+    /// x of its sighting in a pass, pixels; NaN for none. A person walks along the hall.
     fn since(shown: impl Fn(u32) -> f32, speed_m_s: f64, passes: u32) -> Option<i64> {
         since_of(shown, speed_m_s, passes, true)
     }
 
-    /// The same; its keypoints have a score that is kept, or not.
+    /// The same; the keypoints are kept only if `is_clear`.
     fn since_of(
         shown: impl Fn(u32) -> f32,
         speed_m_s: f64,
@@ -137,27 +139,27 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_stands_still_that_shows_the_same_while_somebody_walks_through_its_picture() {
+    fn a_camera_with_identical_sightings_of_a_moving_person_is_frozen() {
         let stops_at_2 = |pass: u32| 900.0 + 10.0 * pass.min(2) as f32;
         assert_eq!(since(stops_at_2, 0.5, 8), Some(30));
-        // Every other pass is of other cameras.
-        let looks_rarely = |pass: u32| match pass {
+        // Every other pass runs in other cameras.
+        let every_other = |pass: u32| match pass {
             0 => 800.0,
             _ if pass.is_multiple_of(2) => 900.0,
             _ => f32::NAN,
         };
-        assert_eq!(since(looks_rarely, 0.5, 8), Some(30));
+        assert_eq!(since(every_other, 0.5, 8), Some(30));
     }
 
     #[test]
-    fn nothing_is_said_of_who_stands_of_a_moment_of_nobody_and_of_one_that_went_on() {
+    fn a_camera_is_not_frozen_without_a_moving_person_or_after_a_change() {
         let always = |_: u32| 900.0;
-        assert_eq!(since(always, 0.0, 8), None, "nobody moves");
+        assert_eq!(since(always, 0.0, 8), None, "the person stands");
         assert_eq!(since(always, 0.5, 3), None, "one second");
         let leaves = |pass: u32| if pass < 8 { 900.0 } else { f32::NAN };
-        assert_eq!(since(leaves, 0.5, 15), None, "nobody is left");
-        assert_eq!(since(|_| f32::NAN, 0.5, 8), None, "nobody is shown");
-        assert_eq!(since_of(always, 0.5, 8, false), None, "nothing is clear");
+        assert_eq!(since(leaves, 0.5, 15), None, "the person left");
+        assert_eq!(since(|_| f32::NAN, 0.5, 8), None, "no sightings");
+        assert_eq!(since_of(always, 0.5, 8, false), None, "low scores");
         let goes_on = |pass: u32| if pass < 7 { 900.0 } else { 910.0 };
         assert_eq!(since(goes_on, 0.5, 8), None, "it goes on");
         let flickers = |pass: u32| 900.0 + 0.1 * (pass % 2) as f32;

@@ -23,7 +23,7 @@ mod frozen;
 mod geometry;
 mod judge;
 mod lens;
-mod nobody;
+mod no_people;
 mod pairs;
 mod report;
 mod samples;
@@ -206,9 +206,9 @@ impl AgreementSamples {
         // If anything else is wrong, people stand wherever that puts them.
         if report.disagreements.is_empty() {
             let standing = &self.standing;
-            let scale = standing.doubtful_scale();
-            let tilt = scale.or_else(|| standing.doubtful_tilt());
-            let of_people = tilt.or_else(|| standing.doubtful_floor());
+            let scale = standing.suspect_scale();
+            let tilt = scale.or_else(|| standing.suspect_tilt());
+            let of_people = tilt.or_else(|| standing.suspect_floor());
             let of_people = of_people.map(|cause| self.of_all(cause));
             report.disagreements.extend(of_people);
         }

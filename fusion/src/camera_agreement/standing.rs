@@ -1,5 +1,5 @@
-//! How tall everybody is and how high everybody stands: what tells the unit of a calibration, and its floor, where all
-//! cameras agree with each other.
+//! Statures and standing heights of people. They reveal a wrong unit, tilt or floor of a
+//! calibration if all cameras agree with each other.
 
 pub(super) mod ankles;
 mod statures;
@@ -17,13 +17,13 @@ use crate::body::skeleton::{Joint, Joints};
 use crate::estimate::estimator::Estimator;
 use crate::identity::track::Track;
 
-/// Places where a person stood that are kept, the newest: of several people at an instant.
+/// Number of stances that are kept, of all people together.
 const MAX_STANCES: usize = 1024;
-/// Viewpoints that must see an ankle: legs behind a desk are made up.
+/// Least number of viewpoints that see an ankle: legs behind a desk are guessed.
 const MIN_VIEWS: u16 = 2;
-/// Least downward part of the direction of thigh and shank of a leg on which somebody stands: within 40 degrees. Who sits,
-/// kneels, lies or rides does not stand.
-const DOWNWARD: f64 = 0.77;
+/// Least downward part of the unit directions of thigh and shank of a standing leg: within 40
+/// degrees. People who sit, kneel, lie or ride do not stand.
+const MIN_DOWNWARD: f64 = 0.77;
 /// The lowest points of a skeleton that stands.
 const FEET: [Joint; 4] = [
     Joint::LeftHeel,
@@ -37,20 +37,19 @@ const LEGS: [[Joint; 3]; 2] = [
     [Joint::RightHip, Joint::RightKnee, Joint::RightAnkle],
 ];
 
-/// People of whom one was measured at some instant.
+/// Measurements of the people of a run.
 #[derive(Debug, Clone)]
 pub(super) struct Standing {
-    /// The keypoints at the ankles, where the network knows them.
+    /// The keypoints at the ankles, if the network has them.
     ankles: [Option<usize>; 2],
     floor_m: f64,
     statures: Statures,
-    /// Where they stood, and how they leant.
     stances: Vec<Stance>,
     ankle_heights: AnkleHeights,
 }
 
 impl Standing {
-    /// Nobody yet in the `venue`.
+    /// No people yet in the `venue`.
     pub(super) fn new(keypoints: &KeypointSet, venue: &Venue) -> Self {
         let statures = Statures::expecting(&venue.subjects);
         Self::with(keypoints, venue.field.floor_m, statures)
@@ -66,48 +65,52 @@ impl Standing {
         }
     }
 
-    /// People of these statures whose feet are so high.
+    /// People of these statures with their feet at `feet_m`.
     #[cfg(test)]
     pub(super) fn from_statures(statures_m: &[f64], feet_m: f64) -> Self {
         let ids = 1..=statures_m.len() as u32;
         Self {
-            ankle_heights: AnkleHeights::of(ids.map(|id| (id, feet_m))),
-            ..Self::with(&KeypointSet::coco17(), 0.0, Statures::of(statures_m))
+            ankle_heights: AnkleHeights::from_feet(ids.map(|id| (id, feet_m))),
+            ..Self::with(
+                &KeypointSet::coco17(),
+                0.0,
+                Statures::from_metres(statures_m),
+            )
         }
     }
 
-    /// Keeps what the `tracks` are now.
+    /// Adds measurements of the `tracks` at this instant.
     pub(super) fn note(&mut self, tracks: &[Track]) {
-        self.statures.begin();
+        self.statures.begin_instant();
         let seen = tracks.iter().filter(|track| !track.is_tentative());
         for track in seen.filter(|track| track.estimator().n_views() >= MIN_VIEWS) {
             let joints_m = track.estimator().joints_m();
             self.statures.note(track.id(), joints_m);
             if sees_both(track.estimator(), &self.ankles)
-                && let Some(foot_m) = foot_of_who_stands(joints_m)
+                && let Some(foot_m) = standing_foot_m(joints_m)
             {
                 self.ankle_heights.note(track.id(), joints_m, self.floor_m);
-                let stance = Stance::of(joints_m, foot_m);
-                keep(&mut self.stances, stance, MAX_STANCES);
+                let stance = Stance::new(joints_m, foot_m);
+                push_newest(&mut self.stances, stance, MAX_STANCES);
             }
         }
     }
 
-    /// That people have sizes which people do not have.
-    pub(super) fn doubtful_scale(&self) -> Option<DisagreementCause> {
-        self.statures.doubtful_scale()
+    /// A wrong scale, if people have implausible statures.
+    pub(super) fn suspect_scale(&self) -> Option<DisagreementCause> {
+        self.statures.suspect_scale()
     }
 
-    /// That all who stand do so under the floor, or nobody on it.
-    pub(super) fn doubtful_floor(&self) -> Option<DisagreementCause> {
+    /// A wrong floor height, if all standing people are under the floor, or all above it.
+    pub(super) fn suspect_floor(&self) -> Option<DisagreementCause> {
         Some(DisagreementCause::FloorHeight {
-            above_m: self.ankle_heights.elsewhere_m()?,
+            above_m: self.ankle_heights.above_floor_m()?,
             floor_m: self.floor_m,
         })
     }
 
-    /// That the world is tilted.
-    pub(super) fn doubtful_tilt(&self) -> Option<DisagreementCause> {
+    /// A tilted world, if people stand and lean accordingly.
+    pub(super) fn suspect_tilt(&self) -> Option<DisagreementCause> {
         let degrees = tilt_rad(&self.stances)?.to_degrees();
         Some(DisagreementCause::WorldTilted {
             degrees: (10.0 * degrees).round() / 10.0,
@@ -115,11 +118,12 @@ impl Standing {
     }
 }
 
-fn keep<T>(kept: &mut Vec<T>, new: T, most: usize) {
-    if kept.len() == most {
-        kept.remove(0);
+/// Appends `new`, and drops the oldest item if there are `max_len` already.
+fn push_newest<T>(items: &mut Vec<T>, new: T, max_len: usize) {
+    if items.len() == max_len {
+        items.remove(0);
     }
-    kept.push(new);
+    items.push(new);
 }
 
 /// Whether two viewpoints see each ankle.
@@ -130,12 +134,12 @@ fn sees_both(estimator: &Estimator, ankles: &[Option<usize>; 2]) -> bool {
     })
 }
 
-/// The lowest point of the feet, world, metres; `None` of who stands on neither leg.
-fn foot_of_who_stands(joints_m: &Joints) -> Option<Vector3<f64>> {
+/// The lowest point of the feet, world, metres; `None` if the person stands on neither leg.
+fn standing_foot_m(joints_m: &Joints) -> Option<Vector3<f64>> {
     let at = |joint: Joint| joints_m[joint.index()];
     let is_down = |from: Joint, to: Joint| {
         let along_m = at(to) - at(from);
-        along_m.z < -DOWNWARD * along_m.norm()
+        along_m.z < -MIN_DOWNWARD * along_m.norm()
     };
     let mut legs = LEGS.into_iter();
     let stands = legs.any(|[hip, knee, ankle]| is_down(hip, knee) && is_down(knee, ankle));
@@ -153,7 +157,8 @@ mod tests {
     use crate::body::skeleton::dof::{DofGroup, first_of};
     use crate::body::skeleton::{Kinematics, Pose, Proportions, Side, Skeleton};
 
-    /// The joints of a body of 1.8 m with these bends of both hips and knees, radians, turned so and with its pelvis so high.
+    /// The joints of a body of 1.8 m with these bends of both hips and knees, turned about y
+    /// (radians), with its pelvis at a height of `pelvis_m`.
     fn body(hip: f64, knee: f64, turn: f64, pelvis_m: f64) -> Joints {
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn);
         let mut pose = Pose::neutral(Vector3::new(0.0, 0.0, pelvis_m), rotation);
@@ -167,17 +172,17 @@ mod tests {
     }
 
     #[test]
-    fn the_feet_count_of_who_stands_and_not_of_who_sits_kneels_or_lies() {
-        let standing_m = foot_of_who_stands(&body(0.0, 0.0, 0.0, 0.96)).unwrap().z;
+    fn only_standing_people_have_a_standing_foot() {
+        let standing_m = standing_foot_m(&body(0.0, 0.0, 0.0, 0.96)).unwrap().z;
         assert!(standing_m.abs() < 0.1, "{standing_m}");
-        assert!(foot_of_who_stands(&body(0.3, 0.4, 0.0, 0.9)).is_some());
+        assert!(standing_foot_m(&body(0.3, 0.4, 0.0, 0.9)).is_some());
         for (what, joints_m) in [
             ("sits", body(1.5, 1.5, 0.0, 0.5)),
             ("kneels", body(0.0, 1.5, 0.0, 0.5)),
             ("lies", body(0.0, 0.0, 1.57, 0.1)),
             ("stands on the hands", body(0.0, 0.0, 3.1, 1.1)),
         ] {
-            assert_eq!(foot_of_who_stands(&joints_m), None, "{what}");
+            assert_eq!(standing_foot_m(&joints_m), None, "{what}");
         }
     }
 }

@@ -1,7 +1,8 @@
-//! How tall each person is, by link lengths: what tells the scale of a calibration, since nothing else does.
+//! Statures of people, from link lengths. Nothing else reveals a wrong scale of a calibration.
 //!
-//! Nobody knows of one person whether they are tall or the world is large; of several who are all taller than nearly
-//! anybody is, the world is the likelier. Children are short, and all of a team may be tall: so it is a doubt.
+//! If one person seems tall, the person may be tall or the world too large. If several people are
+//! all taller than nearly anyone is, a large world is more likely. Children are short, and a whole
+//! team may be tall, so the result is only a warning.
 
 use farfield_proto::id::PersonId;
 use farfield_proto::order_statistics::{mean_median, percentile};
@@ -11,47 +12,50 @@ use crate::body::skeleton::Joints;
 use crate::body::stature::stature_m;
 use crate::camera_agreement::report::DisagreementCause;
 
-/// People who are kept, the newest.
+/// Number of people that are kept.
 const MAX_PEOPLE: usize = 64;
-/// Instants at which somebody must have been measured to count.
+/// Least number of instants at which a person must have been measured to count.
 const MIN_INSTANTS: u32 = 8;
-/// Statures between which one person may be, metres; beyond them are young children, and of adults one in a million.
-const OF_ONE_M: [f64; 2] = [1.3, 2.1];
-/// Statures between which one of several people is, metres: of adults one in a hundred is shorter, and one in ten thousand
-/// taller.
-const OF_SEVERAL_M: [f64; 2] = [1.5, 2.05];
-/// From how many on the mean and those at the near quarter tell as well, of the short (of two, one may be a child) and of the
-/// tall, and between what these are: gymnasts are 1.5 m tall on average and teams of basketball 2.0, their bounds 1.6 and 1.9.
-const MANY: [usize; 2] = [4, 2];
-const MEAN_OF_MANY_M: [f64; 2] = [1.44, 2.06];
-const QUARTER_OF_MANY_M: [f64; 2] = [1.55, 1.97];
-/// The tallest and the shortest of several whose mean tells, metres: a grown-up among children says that the scale is right.
-const FARTHEST_M: [f64; 2] = [1.65, 1.8];
-/// How far beyond the statures of those whom the venue expects people may seem to be, as a share.
-const OF_SUBJECTS: f64 = 0.1;
+/// Plausible statures of one person, metres. Beyond them are young children and one in a million
+/// adults.
+const ONE_PERSON_M: [f64; 2] = [1.3, 2.1];
+/// At least one of several people has a stature between these, metres. One in a hundred adults is
+/// shorter, and one in ten thousand is taller.
+const SEVERAL_PEOPLE_M: [f64; 2] = [1.5, 2.05];
+/// Least number of people for the tests of mean and near quartile: of short people (one of two may
+/// be a child) and of tall ones. Gymnasts are 1.5 m tall on average, up to 1.6; basketball teams
+/// are 2.0 m tall, at least 1.9.
+const MIN_PEOPLE_FOR_MEAN: [usize; 2] = [4, 2];
+const MEAN_BOUNDS_M: [f64; 2] = [1.44, 2.06];
+const QUARTILE_BOUNDS_M: [f64; 2] = [1.55, 1.97];
+/// With these tests, bounds of the tallest of short people and of the shortest of tall people,
+/// metres. An adult among children shows that the scale is right.
+const EXTREME_BOUNDS_M: [f64; 2] = [1.65, 1.8];
+/// Least deviation of the mean from the statures of the venue's subjects, as a share.
+const MIN_SUBJECT_DEVIATION: f64 = 0.1;
 
-/// Those who were measured.
+/// The statures of the measured people.
 #[derive(Debug, Clone)]
 pub(super) struct Statures {
     people: Vec<Measured>,
-    /// Instants so far.
+    /// Number of instants so far.
     instants: u64,
-    /// The shortest and the tallest whom the venue names, metres, where it gives the statures of all.
+    /// The least and the largest stature of the venue's subjects, metres, if it has those of all.
     expected_m: Option<[f64; 2]>,
 }
 
-/// Somebody who was measured.
+/// A measured person.
 #[derive(Debug, Clone, Copy)]
 struct Measured {
     id: PersonId,
-    /// The newest: links are measured anew as somebody is seen for longer.
+    /// The newest value: links are measured again when a person has been seen for longer.
     stature_m: f64,
     instants: u32,
     newest: u64,
 }
 
 impl Statures {
-    /// Nobody yet, where these people may come.
+    /// No people yet in a venue with these subjects.
     pub(super) fn expecting(subjects: &[VenueSubject]) -> Self {
         let are_all_known = subjects
             .iter()
@@ -72,7 +76,7 @@ impl Statures {
 
     /// People of these statures.
     #[cfg(test)]
-    pub(in crate::camera_agreement) fn of(statures_m: &[f64]) -> Self {
+    pub(in crate::camera_agreement) fn from_metres(statures_m: &[f64]) -> Self {
         let mut all = Self::expecting(&[]);
         for (id, stature_m) in (1..).zip(statures_m) {
             all.people.push(Measured {
@@ -85,12 +89,11 @@ impl Statures {
         all
     }
 
-    /// Begins another instant.
-    pub(super) fn begin(&mut self) {
+    pub(super) fn begin_instant(&mut self) {
         self.instants += 1;
     }
 
-    /// Keeps how tall somebody is.
+    /// Adds the stature of a person at this instant.
     pub(super) fn note(&mut self, id: PersonId, joints_m: &Joints) {
         let joints_m = joints_m.map(|m| [m.x as f32, m.y as f32, m.z as f32]);
         let Some(stature_m) = stature_m(&joints_m) else {
@@ -118,13 +121,13 @@ impl Statures {
         });
     }
 
-    /// That people have sizes which people do not have.
-    pub(super) fn doubtful_scale(&self) -> Option<DisagreementCause> {
+    /// A wrong scale, if people have implausible statures.
+    pub(super) fn suspect_scale(&self) -> Option<DisagreementCause> {
         let known = self.people.iter();
         let known = known.filter(|known| known.instants >= MIN_INSTANTS);
         let mut sorted_m: Vec<f64> = known.map(|known| known.stature_m).collect();
         sorted_m.sort_by(f64::total_cmp);
-        let median_m = mean_median(&sorted_m).filter(|_| self.are_doubtful(&sorted_m))?;
+        let median_m = mean_median(&sorted_m).filter(|_| self.are_implausible(&sorted_m))?;
         Some(DisagreementCause::WorldScale {
             stature_m: rounded(median_m),
             people: sorted_m.len(),
@@ -134,7 +137,7 @@ impl Statures {
     }
 
     /// Whether these people are all too short or all too tall.
-    fn are_doubtful(&self, sorted_m: &[f64]) -> bool {
+    fn are_implausible(&self, sorted_m: &[f64]) -> bool {
         let (Some(&lowest_m), Some(&highest_m)) = (sorted_m.first(), sorted_m.last()) else {
             return false;
         };
@@ -142,28 +145,29 @@ impl Statures {
         let quarter_m = |share| percentile(sorted_m, share).unwrap_or(mean_m);
         let [low_quarter_m, high_quarter_m] = [0.25, 0.75].map(quarter_m);
         let all_m = if sorted_m.len() == 1 {
-            OF_ONE_M
+            ONE_PERSON_M
         } else {
-            OF_SEVERAL_M
+            SEVERAL_PEOPLE_M
         };
-        let are_many = MANY.map(|many| sorted_m.len() >= many);
-        let most_are_short = mean_m < MEAN_OF_MANY_M[0]
-            && high_quarter_m < QUARTER_OF_MANY_M[0]
-            && highest_m < FARTHEST_M[0];
-        let most_are_tall = mean_m > MEAN_OF_MANY_M[1]
-            && low_quarter_m > QUARTER_OF_MANY_M[1]
-            && lowest_m > FARTHEST_M[1];
+        let are_many = MIN_PEOPLE_FOR_MEAN.map(|many| sorted_m.len() >= many);
+        let most_are_short = mean_m < MEAN_BOUNDS_M[0]
+            && high_quarter_m < QUARTILE_BOUNDS_M[0]
+            && highest_m < EXTREME_BOUNDS_M[0];
+        let most_are_tall = mean_m > MEAN_BOUNDS_M[1]
+            && low_quarter_m > QUARTILE_BOUNDS_M[1]
+            && lowest_m > EXTREME_BOUNDS_M[1];
         let is_short = highest_m < all_m[0] || are_many[0] && most_are_short;
         let is_tall = lowest_m > all_m[1] || are_many[1] && most_are_tall;
         let (is_short, is_tall) = match self.expected_m {
             Some([shortest_m, tallest_m]) => {
-                // Of several one at least is named; one alone may be a guest.
+                // At least one of several people is a subject; a single person may be a guest.
                 let are_several = sorted_m.len() > 1;
                 let are_shorter = highest_m < shortest_m && are_several;
                 let are_taller = lowest_m > tallest_m && are_several;
                 (
-                    (is_short || are_shorter) && mean_m < (1.0 - OF_SUBJECTS) * shortest_m,
-                    (is_tall || are_taller) && mean_m > (1.0 + OF_SUBJECTS) * tallest_m,
+                    (is_short || are_shorter)
+                        && mean_m < (1.0 - MIN_SUBJECT_DEVIATION) * shortest_m,
+                    (is_tall || are_taller) && mean_m > (1.0 + MIN_SUBJECT_DEVIATION) * tallest_m,
                 )
             }
             None => (is_short, is_tall),
@@ -181,17 +185,17 @@ fn rounded(metres: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn is_doubted(statures_m: &[f64]) -> bool {
-        Statures::of(statures_m).doubtful_scale().is_some()
+    fn is_suspect(statures_m: &[f64]) -> bool {
+        Statures::from_metres(statures_m).suspect_scale().is_some()
     }
 
-    /// These people in a world that is so many times as large.
+    /// These people in a world that is `factor` times as large.
     fn scaled(statures_m: &[f64], factor: f64) -> Vec<f64> {
         statures_m.iter().map(|m| m * factor).collect()
     }
 
     #[test]
-    fn a_scale_that_is_a_fifth_off_is_doubted_by_the_statures_of_everybody() {
+    fn a_scale_that_is_a_fifth_off_is_suspect() {
         for people in [
             // The two of the sample.
             &[1.67, 1.80][..],
@@ -199,34 +203,34 @@ mod tests {
             &[1.66, 1.72, 1.78, 1.92],
             &[1.62, 1.66, 1.68, 1.72, 1.75, 1.78, 1.8, 1.83, 1.85, 1.93],
         ] {
-            assert!(!is_doubted(people), "{people:?}");
+            assert!(!is_suspect(people), "{people:?}");
             for factor in [0.8, 1.2] {
-                assert!(is_doubted(&scaled(people, factor)), "{people:?} {factor}");
+                assert!(is_suspect(&scaled(people, factor)), "{people:?} {factor}");
             }
         }
-        assert!(is_doubted(&[1.85 * 1.2]));
-        assert!(is_doubted(&[1.6 * 0.8]));
+        assert!(is_suspect(&[1.85 * 1.2]));
+        assert!(is_suspect(&[1.6 * 0.8]));
     }
 
     #[test]
-    fn where_it_is_known_who_comes_all_who_are_a_tenth_beyond_them_are_doubted() {
-        let are_doubted = |statures_m: &[f64]| {
-            let mut all = Statures::of(statures_m);
+    fn people_a_tenth_beyond_all_subjects_are_suspect() {
+        let are_suspect = |statures_m: &[f64]| {
+            let mut all = Statures::from_metres(statures_m);
             all.expected_m = Some([1.62, 1.71]);
-            all.doubtful_scale().is_some()
+            all.suspect_scale().is_some()
         };
-        assert!(!are_doubted(&[1.62, 1.71]));
-        assert!(!are_doubted(&scaled(&[1.62, 1.71], 1.05)));
+        assert!(!are_suspect(&[1.62, 1.71]));
+        assert!(!are_suspect(&scaled(&[1.62, 1.71], 1.05)));
         for factor in [0.85, 1.18] {
-            assert!(are_doubted(&scaled(&[1.62, 1.71], factor)), "{factor}");
+            assert!(are_suspect(&scaled(&[1.62, 1.71], factor)), "{factor}");
         }
-        // Others are there, too; or one of them alone.
-        assert!(!are_doubted(&[1.7, 1.95, 1.98]));
-        assert!(!are_doubted(&[1.95]));
+        // Guests are present, too; or one alone.
+        assert!(!are_suspect(&[1.7, 1.95, 1.98]));
+        assert!(!are_suspect(&[1.95]));
     }
 
     #[test]
-    fn nothing_is_said_of_teams_of_gymnasts_and_of_a_child_among_adults() {
+    fn plausible_groups_such_as_gymnasts_are_not_suspect() {
         for people in [
             &[][..],
             &[1.45],
@@ -239,26 +243,26 @@ mod tests {
             &[1.85, 1.93, 1.98, 2.03, 2.11],
             &[1.98, 2.12],
         ] {
-            assert!(!is_doubted(people), "{people:?}");
+            assert!(!is_suspect(people), "{people:?}");
         }
     }
 
     #[test]
-    fn people_are_doubted_beside_those_whom_the_venue_expects() {
-        let mut children = Statures::of(&[1.3, 1.4]);
-        assert!(children.doubtful_scale().is_some());
+    fn children_are_not_suspect_if_the_venue_expects_them() {
+        let mut children = Statures::from_metres(&[1.3, 1.4]);
+        assert!(children.suspect_scale().is_some());
         children.expected_m = Some([1.28, 1.75]);
-        assert_eq!(children.doubtful_scale(), None);
+        assert_eq!(children.suspect_scale(), None);
         children.expected_m = Some([1.7, 1.75]);
-        assert!(children.doubtful_scale().is_some());
+        assert!(children.suspect_scale().is_some());
     }
 
     #[test]
-    fn of_many_people_the_newest_are_kept() {
+    fn the_newest_people_are_kept() {
         let mut all = Statures::expecting(&[]);
         let joints_m = Joints::from([nalgebra::Vector3::zeros(); crate::body::skeleton::N_JOINTS]);
         for id in 0..200 {
-            all.begin();
+            all.begin_instant();
             all.note(PersonId(id), &joints_m);
             all.note(PersonId(0), &joints_m);
         }

@@ -399,7 +399,7 @@ fn people_outside_the_field_are_reported() {
         })
         .assert_printed(&[
             "person 1: ",
-            "stood outside the field, where nobody new is followed",
+            "stood outside the field, where no new track starts",
         ]);
 }
 

@@ -1,4 +1,4 @@
-//! Why nobody was found, or not all, in words.
+//! Messages about why no people, or not all people, were found.
 
 use std::cmp::Reverse;
 
@@ -6,32 +6,32 @@ use super::report::{AgreementReport, DisagreementCause, SightedReport};
 use super::samples::MIN_SCORE;
 use crate::sightings::diagnosis::SightingDiagnosis;
 
-/// Bodies outside the field or under its floor that are told of where somebody was found inside: so many, and one of so many
-/// of all.
+/// Bodies outside the field or under its floor are reported if there are at least `MIN_BEYOND`,
+/// and at least one in `BEYOND_ONE_IN` bodies is.
 const MIN_BEYOND: u64 = 2;
 const BEYOND_ONE_IN: u64 = 10;
 
-/// What people are tall, metres: a scale that is wrong is told by it.
+/// Stature to which the sizes of bodies are compared, metres.
 const USUAL_STATURE_M: f64 = 1.7;
 
-/// Keypoints of pictures of half the size or less reach no farther, right and down, in those that were calibrated. People in
-/// all pictures of a venue are not in one corner of them.
-const HALF_REACH: f64 = 0.52;
+/// Largest reach of keypoints, right and down, from pictures of half the calibrated size or less.
+/// Otherwise, people are not in one corner of all pictures of a venue.
+const MAX_HALF_SIZE_REACH: f64 = 0.52;
 
 impl AgreementReport {
-    /// What there is to say of the `found` people of a run, for people: that there were none, and why; or that others stood outside
-    /// the field or under its floor, where nothing else is wrong.
-    pub fn lines_on_people(&self, found: usize) -> Vec<String> {
-        if found == 0 {
-            // Where it is told of the keypoints of all that they do not count, nothing else is known of them.
-            let mut told = self.disagreements.iter();
-            let is_known = told.any(|told| {
-                told.cameras.is_empty() && matches!(told.cause, DisagreementCause::LowScores { .. })
+    /// Messages about the people of a run with `n_people`. Without people, the reasons. Otherwise
+    /// bodies outside the field or under its floor, if nothing else is wrong.
+    pub fn lines_on_people(&self, n_people: usize) -> Vec<String> {
+        if n_people == 0 {
+            // If the scores of all cameras are too low, nothing else is known of their keypoints.
+            let mut all = self.disagreements.iter();
+            let is_known = all.any(|one| {
+                one.cameras.is_empty() && matches!(one.cause, DisagreementCause::LowScores { .. })
             });
-            let reasons = self.sighted.why_nobody().into_iter();
+            let reasons = self.sighted.reasons_for_no_people().into_iter();
             let reasons = reasons.filter(|_| !is_known);
             let reasons = reasons.map(|reason| format!("  {reason}"));
-            return ["nobody was found".to_owned()]
+            return ["no people were found".to_owned()]
                 .into_iter()
                 .chain(reasons)
                 .collect();
@@ -43,7 +43,7 @@ impl AgreementReport {
 }
 
 impl SightedReport {
-    /// That bodies stood outside the field, where these are not few: a line for a run that found somebody inside.
+    /// A message if many bodies stood outside the field, for a run with people inside.
     pub fn outside_field(&self) -> Option<String> {
         let SightingDiagnosis {
             bodies,
@@ -52,13 +52,13 @@ impl SightedReport {
         } = self.diagnosis;
         are_many(outside_field, bodies).then(|| {
             format!(
-                "{outside_field} of {bodies} bodies that detection passes found stood outside the field, where nobody new is followed: \
+                "{outside_field} of {bodies} bodies that detection passes found stood outside the field, where no new track starts: \
                  if they belong to it, set `[field]` min_m and max_m of the venue"
             )
         })
     }
 
-    /// That bodies were under the floor, where these are not few: a line for a run that found somebody on it.
+    /// A message if many bodies were under the floor, for a run with people on it.
     pub fn under_floor(&self) -> Option<String> {
         let SightingDiagnosis {
             bodies,
@@ -67,14 +67,14 @@ impl SightedReport {
         } = self.diagnosis;
         are_many(under_floor, bodies).then(|| {
             format!(
-                "{under_floor} of {bodies} bodies that detection passes found were under the floor, where nobody new is followed: \
-                 if they are people, set `[field]` floor_m and min_m of the venue lower"
+                "{under_floor} of {bodies} bodies that detection passes found were under the floor, where no new track starts: \
+                 if they are people, set lower values of `[field]` floor_m and min_m of the venue"
             )
         })
     }
 
-    /// The likely reasons why a run without people has none, the likeliest first; each with what to do.
-    pub fn why_nobody(&self) -> Vec<String> {
+    /// The likely reasons why a run has no people, the most likely first, each with a remedy.
+    pub fn reasons_for_no_people(&self) -> Vec<String> {
         let seeing: Vec<&str> = self
             .by_camera
             .iter()
@@ -88,34 +88,34 @@ impl SightedReport {
         let counts = counts.collect::<Vec<_>>().join(", ");
         if seeing.is_empty() {
             return vec![
-                "no camera sighted anybody: of files of keypoints, do their lines hold `persons`; of pictures, is the detector the right one, with the `person_class` and the `normalize` of its card as it was trained, are people in the pictures, and at least 48 px tall there?"
+                "no camera sighted anybody. Keypoint files: do their lines contain `persons`? Pictures: are people in them, at least 48 px tall? Is the detector the right one, and do `person_class` and `normalize` of its card match its training?"
                     .to_owned(),
             ];
         }
         let mut reasons = vec![format!("sightings by camera: {counts}")];
         if self.viewpoints < 2 {
             reasons.push(
-                "there is only one viewpoint: people are found where two viewpoints see them"
+                "there is only one viewpoint: a person is found only if two viewpoints see them"
                     .to_owned(),
             );
             return reasons;
         }
         if let [only] = seeing[..] {
             reasons.push(format!(
-                "only camera {only} sighted anybody: people are found where cameras of two viewpoints see them"
+                "only camera {only} sighted anybody: a person is found only if cameras of two viewpoints see them"
             ));
             return reasons;
         }
-        let is_corner = |reach: &[f64; 2]| reach.iter().all(|share| *share < HALF_REACH);
+        let is_corner = |reach: &[f64; 2]| reach.iter().all(|share| *share < MAX_HALF_SIZE_REACH);
         if self.reach.is_none() {
             reasons.push(format!(
-                "no keypoint that was sighted has a score of {MIN_SCORE} or more: do the files give scores from 0 to 1, and are network and `normalize` of its card right?"
+                "no sighted keypoint has a score of {MIN_SCORE} or more: do the files have scores from 0 to 1? Is the network the right one, and is `normalize` of its card correct?"
             ));
             return reasons;
         }
         if let Some([right, down]) = self.reach.filter(is_corner) {
             reasons.push(format!(
-                "hardly any keypoint is farther right than {:.0} % of the width of its picture or farther down than {:.0} % of its height: were people detected in smaller pictures than were calibrated? Both must be of one size",
+                "hardly any keypoint is farther right than {:.0} % of the width of its picture or farther down than {:.0} % of its height: were people detected in smaller pictures than were calibrated? Both must have the same size",
                 100.0 * right,
                 100.0 * down
             ));
@@ -123,7 +123,7 @@ impl SightedReport {
         let bodies = &self.diagnosis;
         if bodies.bodies == 0 {
             reasons.push(
-                "the lines of sight of no two viewpoints met on a body: do the videos begin at the same instant, and does the calibration belong to these cameras, in this order?"
+                "no lines of sight of two viewpoints meet on a body: do the videos start at the same instant, and does the calibration belong to these cameras, in this order?"
                     .to_owned(),
             );
             return reasons;
@@ -145,7 +145,7 @@ fn are_many(beyond: u64, bodies: u64) -> bool {
 }
 
 impl SightingDiagnosis {
-    /// What spoke against bodies, each with how many it was.
+    /// Reasons against bodies, each with their number.
     fn causes(&self) -> [(u64, String); 6] {
         let bodies = self;
         let wrong = bodies.too_small + bodies.too_large;
@@ -157,7 +157,7 @@ impl SightingDiagnosis {
             (
                 wrong,
                 format!(
-                    "{} on which lines of sight met have sizes that people do not have ({mean_m:.2} m on average, {times:.2} times those of people): is the calibration in metres (a foot is 0.305, an inch 0.0254), and are the keypoints in the order of the network's card?",
+                    "{} on which lines of sight meet have implausible sizes ({mean_m:.2} m on average, {times:.2} times a usual stature): is the calibration in metres (a foot is 0.305, an inch 0.0254), and are the keypoints in the order of the network's card?",
                     of_all(wrong)
                 ),
             ),
@@ -171,28 +171,28 @@ impl SightingDiagnosis {
             (
                 bodies.under_floor,
                 format!(
-                    "{} are under the floor: is z up in the calibration, and `[field] floor_m` right?",
+                    "{} are under the floor: does z point up in the calibration, and is `[field] floor_m` correct?",
                     of_all(bodies.under_floor)
                 ),
             ),
             (
                 bodies.upside_down,
                 format!(
-                    "{} stand on their heads: z must point up in the calibration",
+                    "{} are upside down: z must point up in the calibration",
                     of_all(bodies.upside_down)
                 ),
             ),
             (
                 bodies.misshapen,
                 format!(
-                    "{} have limbs that fit no person: do the keypoints come in the order of the network's card, and the videos begin at the same instant?",
+                    "{} have limbs that fit no person: are the keypoints in the order of the network's card, and do the videos start at the same instant?",
                     of_all(bodies.misshapen)
                 ),
             ),
             (
                 bodies.people,
                 format!(
-                    "{} are people in the field, but were not seen for long enough to be sure: give the run more ticks (`--ticks`), or record for longer; is `rate_hz` that of the recordings?",
+                    "{} are people in the field, but were not seen for long enough to be confirmed: give the run more ticks (`--ticks`), or record for longer; is `rate_hz` that of the recordings?",
                     of_all(bodies.people)
                 ),
             ),
@@ -206,7 +206,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bodies_outside_the_field_are_told_of_where_they_are_not_few() {
+    fn many_bodies_outside_the_field_are_reported() {
         let sighted = |bodies, outside_field| SightedReport {
             diagnosis: SightingDiagnosis {
                 bodies,
@@ -215,30 +215,29 @@ mod tests {
             },
             ..SightedReport::default()
         };
-        let told = sighted(14, 12).outside_field().unwrap();
-        assert!(told.starts_with("12 of 14 bodies"), "{told}");
+        let message = sighted(14, 12).outside_field().unwrap();
+        assert!(message.starts_with("12 of 14 bodies"), "{message}");
         for (bodies, outside) in [(0, 0), (14, 0), (14, 1), (60, 5)] {
             assert_eq!(sighted(bodies, outside).outside_field(), None, "{bodies}");
         }
     }
 
     #[test]
-    fn why_nobody_was_found_stands_under_the_word_that_there_was_nobody() {
+    fn a_run_without_people_has_indented_reasons() {
         let report = AgreementReport::default();
         let lines = report.lines_on_people(0);
-        assert_eq!(lines[0], "nobody was found");
-        assert!(
-            lines[1].starts_with("  no camera sighted anybody"),
-            "{lines:?}"
-        );
+        let reasons = report.sighted.reasons_for_no_people();
+        assert!(!reasons.is_empty());
+        assert!(!lines[0].starts_with(' '), "{lines:?}");
+        let indented: Vec<String> = reasons.iter().map(|reason| format!("  {reason}")).collect();
+        assert_eq!(lines[1..], indented);
         assert!(report.lines_on_people(2).is_empty());
     }
 
     #[test]
-    fn where_the_keypoints_of_all_do_not_count_no_other_reason_is_given_and_where_those_of_one_do_not_others_are()
-     {
+    fn low_scores_suppress_other_reasons_only_if_all_cameras_have_them() {
         for (cameras, n_lines) in [(vec![], 1), (vec!["a".to_owned()], 2)] {
-            let told = Disagreement {
+            let low_scores = Disagreement {
                 cameras,
                 cause: DisagreementCause::LowScores { share: 0.9 },
                 part_ticks: None,
@@ -246,7 +245,7 @@ mod tests {
                 remedy: String::new(),
             };
             let report = AgreementReport {
-                disagreements: vec![told],
+                disagreements: vec![low_scores],
                 ..AgreementReport::default()
             };
             assert_eq!(report.lines_on_people(0).len(), n_lines);
@@ -254,23 +253,19 @@ mod tests {
     }
 
     #[test]
-    fn keypoints_of_half_the_size_are_told_of_where_nobody_was_found() {
+    fn keypoints_of_half_the_size_are_a_reason_for_no_people() {
         let sighted = |reach| SightedReport {
             by_camera: [("a".to_owned(), 9), ("b".to_owned(), 9)].into(),
             viewpoints: 2,
             reach,
             ..SightedReport::default()
         };
-        let is_told = |reach| {
-            let reasons = sighted(reach).why_nobody();
-            reasons
-                .iter()
-                .any(|reason| reason.contains("smaller pictures"))
-        };
-        assert!(is_told(Some([0.5, 0.45])));
-        assert!(is_told(Some([0.33, 0.3])));
+        // The sightings, the reach, and that no lines of sight meet.
+        let has_reach = |reach| sighted(reach).reasons_for_no_people().len() == 3;
+        assert!(has_reach(Some([0.5, 0.45])));
+        assert!(has_reach(Some([0.33, 0.3])));
         for reach in [None, Some([0.5, 0.7]), Some([0.9, 0.4])] {
-            assert!(!is_told(reach), "{reach:?}");
+            assert!(!has_reach(reach), "{reach:?}");
         }
     }
 }
