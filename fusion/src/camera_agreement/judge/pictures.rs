@@ -45,9 +45,13 @@ impl Judge<'_> {
 
     /// Cameras that show other people than all the others do, for whatever reason.
     pub(super) fn find_strangers(&self, findings: &mut Findings) {
-        let showing = self.fits.iter().filter(|fit| fit.met.shows_them()).count();
+        let showing = self
+            .fits
+            .iter()
+            .filter(|fit| fit.people.shows_tracked())
+            .count();
         for camera in findings.unexplained() {
-            if showing >= 2 && self.fits[camera].met.shows_others() {
+            if showing >= 2 && self.fits[camera].people.shows_other_people() {
                 findings.add(self, &[camera], DisagreementCause::Unexplained);
             }
         }

@@ -259,7 +259,7 @@ impl ComparedBurst<'_> {
         let mut sum = SummedCost::default();
         for &(first, second) in trails {
             if let (Some(first), Some(second)) = (&self.rays[first], &self.rays[second]) {
-                first.compare(second, (shift, every), buffers, &mut sum);
+                first.compare(second, shift, every, buffers, &mut sum);
             }
         }
         sum
@@ -326,7 +326,8 @@ impl TrailRays {
     fn compare(
         &self,
         other: &Self,
-        (shift, every): (isize, usize),
+        shift: isize,
+        every: usize,
         buffers: &mut Buffers,
         sum: &mut SummedCost,
     ) {

@@ -23,21 +23,21 @@ const MIN_RATIO: usize = 2;
 
 /// How many tracked people a camera shows and misses, summed over passes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(in crate::camera_agreement) struct Met {
+pub(in crate::camera_agreement) struct ShownPeople {
     shown: usize,
     missed: usize,
     /// Passes with missed people.
     passes: usize,
 }
 
-impl Met {
+impl ShownPeople {
     /// Whether the camera shows other people than the tracked ones.
-    pub(in crate::camera_agreement) fn shows_others(&self) -> bool {
+    pub(in crate::camera_agreement) fn shows_other_people(&self) -> bool {
         self.missed >= MIN_PEOPLE.max(MIN_RATIO * self.shown) && self.passes >= MIN_PASSES
     }
 
     /// Whether it shows the tracked people.
-    pub(in crate::camera_agreement) fn shows_them(&self) -> bool {
+    pub(in crate::camera_agreement) fn shows_tracked(&self) -> bool {
         self.shown >= MIN_PEOPLE.max(MIN_RATIO * self.missed)
     }
 }
@@ -47,7 +47,7 @@ impl Met {
 pub(in crate::camera_agreement) struct PoseFit {
     /// Its shift; `None` if people moved too little before it, or too few were sighted.
     pub(in crate::camera_agreement) shift: Option<PoseShift>,
-    pub(in crate::camera_agreement) met: Met,
+    pub(in crate::camera_agreement) people: ShownPeople,
     /// The shown people by detection pass.
     pub(in crate::camera_agreement) seen: Vec<SeenPass>,
 }
@@ -62,10 +62,10 @@ pub(in crate::camera_agreement) fn pose_fits(
     let passes: Vec<&PassSample> = samples.passes.iter().map(AsRef::as_ref).collect();
     let every = samples.pose_every_ticks();
     let fit = |(camera, lines): (usize, &SightLines)| {
-        let search = PoseSearch::new((camera, lines), &poses, (&passes, every));
+        let search = PoseSearch::new(camera, lines, &poses, &passes, every);
         PoseFit {
             shift: search.shift(rate_hz),
-            met: search.met(),
+            people: search.shown_people(),
             seen: search.seen_passes(),
         }
     };
@@ -73,8 +73,8 @@ pub(in crate::camera_agreement) fn pose_fits(
 }
 
 impl PoseSearch<'_> {
-    pub(super) fn met(&self) -> Met {
-        let mut all = Met::default();
+    pub(super) fn shown_people(&self) -> ShownPeople {
+        let mut all = ShownPeople::default();
         for pass in self.passes {
             let Some(people) = self.people_at(pass, 0) else {
                 continue;
@@ -126,7 +126,7 @@ mod tests {
 
     /// The counts of a camera that sights people at `shown_m` (x, y) in each of `passes` passes,
     /// while the poses are at `people_m`.
-    fn met(passes: i64, people_m: &[[f32; 2]], shown_m: &[[f32; 2]]) -> Met {
+    fn shown(passes: i64, people_m: &[[f32; 2]], shown_m: &[[f32; 2]]) -> ShownPeople {
         let lines = SightLines::from_camera(&hall().cameras[0].1);
         let body = |at: &[f32; 2]| -> Vec<[f32; 3]> {
             let place = |k: u8| [at[0] + 0.02 * f32::from(k), at[1], 0.1 * f32::from(k)];
@@ -160,33 +160,42 @@ mod tests {
             .collect();
         let posed: Vec<&PosedTick> = posed.iter().collect();
         let shown: Vec<&PassSample> = shown.iter().collect();
-        PoseSearch::new((0, &lines), &posed, (&shown, EVERY_TICKS)).met()
+        PoseSearch::new(0, &lines, &posed, &shown, EVERY_TICKS).shown_people()
     }
 
     #[test]
     fn a_camera_that_shows_other_people_differs_from_a_right_one() {
         let people = [[-1.0, 0.0], [1.0, 0.5]];
-        let right = met(8, &people, &people);
-        assert!(right.shows_them() && !right.shows_others(), "{right:?}");
-        let wrong = met(8, &people, &[[0.0, -0.6], [0.2, 0.9]]);
-        assert!(wrong.shows_others() && !wrong.shows_them(), "{wrong:?}");
+        let right = shown(8, &people, &people);
+        assert!(
+            right.shows_tracked() && !right.shows_other_people(),
+            "{right:?}"
+        );
+        let wrong = shown(8, &people, &[[0.0, -0.6], [0.2, 0.9]]);
+        assert!(
+            wrong.shows_other_people() && !wrong.shows_tracked(),
+            "{wrong:?}"
+        );
     }
 
     #[test]
     fn a_camera_without_sightings_misses_no_people() {
-        let silent = met(8, &[[-1.0, 0.0]], &[]);
-        assert!(!silent.shows_others() && !silent.shows_them(), "{silent:?}");
-        let short = met(2, &[[-1.0, 0.0], [1.0, 0.5]], &[[0.0, -0.6], [0.2, 0.9]]);
-        assert!(!short.shows_others(), "{short:?}");
+        let silent = shown(8, &[[-1.0, 0.0]], &[]);
+        assert!(
+            !silent.shows_other_people() && !silent.shows_tracked(),
+            "{silent:?}"
+        );
+        let short = shown(2, &[[-1.0, 0.0], [1.0, 0.5]], &[[0.0, -0.6], [0.2, 0.9]]);
+        assert!(!short.shows_other_people(), "{short:?}");
     }
 
     #[test]
     fn no_people_are_missed_beyond_the_maximum() {
         let people: Vec<[f32; 2]> = (0..MAX_POSED).map(|i| [0.05 * i as f32, 0.0]).collect();
         let others = [[-1.4, 0.0], [-1.4, 1.0]];
-        assert!(met(8, &people[1..], &others).shows_others());
-        assert_eq!(met(8, &people, &others), Met::default());
+        assert!(shown(8, &people[1..], &others).shows_other_people());
+        assert_eq!(shown(8, &people, &others), ShownPeople::default());
         let crowd = vec![others[0]; MAX_BODIES];
-        assert_eq!(met(8, &people[1..], &crowd), Met::default());
+        assert_eq!(shown(8, &people[1..], &crowd), ShownPeople::default());
     }
 }

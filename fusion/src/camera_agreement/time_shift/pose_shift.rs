@@ -90,10 +90,13 @@ struct PosedPeople {
 }
 
 impl<'a> PoseSearch<'a> {
+    /// `every` is the number of ticks from one kept pose to the next.
     pub(super) fn new(
-        (camera, lines): (usize, &SightLines),
+        camera: usize,
+        lines: &SightLines,
         poses: &[&PosedTick],
-        (passes, every): (&'a [&'a PassSample], i64),
+        passes: &'a [&'a PassSample],
+        every: i64,
     ) -> Self {
         let number = |posed: &PosedTick| posed.tick.0.div_euclid(every);
         let first = poses.first().map_or(0, |posed| number(posed));
@@ -477,7 +480,7 @@ mod tests {
             })
             .collect();
         let (posed, shown): (Vec<_>, Vec<_>) = (posed.iter().collect(), shown.iter().collect());
-        PoseSearch::new((0, &lines), &posed, (&shown, 1)).is_steady(-4)
+        PoseSearch::new(0, &lines, &posed, &shown, 1).is_steady(-4)
     }
 
     #[test]
