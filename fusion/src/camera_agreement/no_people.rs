@@ -15,7 +15,7 @@ const BEYOND_ONE_IN: u64 = 10;
 const USUAL_STATURE_M: f64 = 1.7;
 
 /// Largest reach of keypoints, right and down, from pictures of half the calibrated size or less.
-/// Otherwise, people are not in one corner of all pictures of a venue.
+/// With the right size, people are not in one corner of all pictures of a venue.
 const MAX_HALF_SIZE_REACH: f64 = 0.52;
 
 impl AgreementReport {

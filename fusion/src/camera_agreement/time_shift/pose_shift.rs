@@ -47,8 +47,8 @@ const MIN_COMPARED_IN_HALF: usize = 50;
 const MAX_COST_RATIO_IN_HALF: f64 = 0.85;
 const MAX_COST_IN_HALF: f64 = 0.45;
 
-/// Least number of moments with passes, and the least time between two moments,
-/// kept poses (0.4 s at 30 Hz).
+/// Least number of moments with passes, and least time between two moments, kept poses (0.4 s at
+/// 30 Hz).
 const MIN_MOMENTS: usize = 3;
 const MOMENT_POSES: i64 = 12;
 
