@@ -1,4 +1,4 @@
-//! What is found of the agreement of cameras, in words and numbers.
+//! The report on the agreement of cameras, in words and numbers.
 
 use std::collections::BTreeMap;
 
@@ -13,27 +13,26 @@ use crate::sightings::diagnosis::SightingDiagnosis;
 pub struct AgreementReport {
     /// By the name of the camera.
     pub cameras: BTreeMap<String, CameraAgreement>,
-    /// What else is known of them, by name.
+    /// More facts about each camera, by its name.
     #[serde(default)]
     pub details: BTreeMap<String, CameraDetails>,
-    /// What does not fit, the surest first.
+    /// Disagreements, the surest first.
     pub disagreements: Vec<Disagreement>,
-    /// Whom detection passes found.
+    /// The sightings of detection passes.
     #[serde(default)]
     pub sighted: SightedReport,
 }
 
-/// What is known of a camera beside its agreement.
+/// Facts about a camera in addition to its agreement.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct CameraDetails {
-    /// Which share of its sightings, those that are kept, is of people who are followed, 0 to 1; `None` where nobody is.
+    /// Share of its kept sightings that belong to tracked people, 0 to 1; `None` if no people are tracked.
     pub share_used: Option<f64>,
-    /// By how many ticks more its pictures are late every minute; `None` where too short a time tells.
+    /// Growth of its lateness, ticks per minute; `None` if the time was too short.
     pub drift_ticks_per_minute: Option<f64>,
 }
 
 impl CameraDetails {
-    /// It in a few words, to stand behind others.
     fn words(&self) -> String {
         let used = self.share_used.map_or_else(String::new, |share| {
             format!(", {:.0} % of its sightings used", 100.0 * share)
@@ -47,25 +46,25 @@ impl CameraDetails {
     }
 }
 
-/// What detection passes found, and what became of it.
+/// The sightings of detection passes, and the bodies reconstructed from them.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SightedReport {
-    /// Detection passes in which anybody was sighted.
+    /// Detection passes with at least one sighting.
     pub passes: u64,
     /// Sightings by the name of the camera.
     pub by_camera: BTreeMap<String, u64>,
-    /// How many viewpoints there are.
+    /// Number of viewpoints.
     pub viewpoints: u64,
-    /// How far right and how far down keypoints were in any picture, undistorted, as shares of its width and height, in those
-    /// passes that are kept; `None` where there were none.
+    /// How far right and down keypoints of the kept passes were in any picture, undistorted, as shares of its width and height;
+    /// `None` without keypoints.
     #[serde(default)]
     pub reach: Option<[f64; 2]>,
-    /// The bodies on which the lines of sight of several viewpoints met, in those passes that are kept.
+    /// The bodies on which lines of sight of several viewpoints met, in the kept passes.
     pub diagnosis: SightingDiagnosis,
 }
 
 impl AgreementReport {
-    /// A line per camera, and a warning per disagreement, for people; empty where nothing could be compared.
+    /// A line per camera and a warning per disagreement, for people. Empty if nothing could be compared.
     pub fn lines(&self) -> Vec<String> {
         let width = self.cameras.keys().map(String::len).max().unwrap_or(0);
         let is_anything_known = self.cameras.values().any(CameraAgreement::is_known);
@@ -74,15 +73,15 @@ impl AgreementReport {
             .map(|(name, camera)| {
                 let sighted = self.sighted.by_camera.get(name).copied().unwrap_or(0);
                 let is_compared = camera.is_known() && camera.keypoints > 0;
-                // What is told of all of them is told of each.
-                let is_told = |d: &Disagreement| d.cameras.is_empty() || d.cameras.contains(name);
-                let is_told = self.disagreements.iter().any(is_told);
-                let alone = if is_compared || is_told {
+                // A disagreement without cameras is about each of them.
+                let is_named = |d: &Disagreement| d.cameras.is_empty() || d.cameras.contains(name);
+                let is_named = self.disagreements.iter().any(is_named);
+                let alone = if is_compared || is_named {
                     String::new()
                 } else if sighted == 0 {
-                    ": it sighted nobody".to_owned()
+                    ": it sighted no people".to_owned()
                 } else {
-                    format!(": it sighted people {sighted} times, of whom cameras elsewhere show too few")
+                    format!(": it sighted people {sighted} times, but cameras elsewhere show too few of them")
                 };
                 let details = self.details.get(name).filter(|_| is_compared);
                 let details = details.map_or_else(String::new, CameraDetails::words);
@@ -93,33 +92,33 @@ impl AgreementReport {
         lines
     }
 
-    /// What does not fit, and what to do: a line each.
+    /// A line per disagreement: what was found, and the remedy.
     pub fn warnings(&self) -> impl Iterator<Item = String> {
         let warning = |d: &Disagreement| format!("warning: {}; {}", d.found, d.remedy);
         self.disagreements.iter().map(warning)
     }
 }
 
-/// Something that does not fit, and what may be the cause.
+/// Cameras that do not fit, and the likely cause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Disagreement {
-    /// The cameras, by name; none where it is about what all of them show.
+    /// The names of the cameras; empty if the cause is about all of them.
     pub cameras: Vec<String>,
     /// The likely cause.
     #[serde(flatten)]
     pub cause: DisagreementCause,
-    /// Where it is so in a part of the time and not in the rest: the first and the last tick of which it was told.
+    /// The first and last tick of the part of the time in which it holds; `None` if it holds all the time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub part_ticks: Option<[i64; 2]>,
-    /// What was found, in words.
+    /// What was found, as a sentence.
     pub found: String,
-    /// What to do about it, in words.
+    /// The remedy, as a sentence.
     pub remedy: String,
 }
 
 impl Disagreement {
-    /// The cause and the cameras, without numbers, and whether it is of a part of the time: the same for as long as it is the same
-    /// disagreement.
+    /// The cause and the cameras without numbers, and whether it holds in a part of the time only. It stays the same as long as
+    /// the disagreement lasts.
     pub fn name(&self) -> String {
         let cause = std::mem::discriminant(&self.cause);
         let part = self.part_ticks.map_or("", |_| "in part ");
@@ -128,7 +127,7 @@ impl Disagreement {
 }
 
 impl DisagreementCause {
-    /// Whether it is of what a camera shows at all, wherever that is: no other calibration makes it so.
+    /// Whether the pictures themselves are wrong, whatever the calibration.
     pub(super) fn is_of_pictures(&self) -> bool {
         matches!(
             self,
@@ -141,82 +140,82 @@ impl DisagreementCause {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "cause", rename_all = "snake_case")]
 pub enum DisagreementCause {
-    /// The pictures come so many ticks after those of the others (negative: before).
+    /// The pictures are late relative to those of the others (negative: early).
     Late {
         /// Ticks.
         ticks: f64,
     },
-    /// The pictures come late, or early, from some tick on, or until then.
+    /// The pictures are late or early from some tick on, or until then.
     LateInPart {
-        /// By how many ticks before it.
+        /// Lateness before that tick, ticks.
         before_ticks: f64,
-        /// By how many from there on.
+        /// Lateness from that tick on, ticks.
         after_ticks: f64,
-        /// The tick, nearly.
+        /// The tick, approximately.
         since_tick: i64,
     },
-    /// The pictures come at another rate.
+    /// The pictures have another rate.
     Drifts {
-        /// By how many ticks more per minute they are late.
+        /// Growth of the lateness, ticks per minute.
         ticks_per_minute: f64,
     },
     /// Left and right are exchanged in the pictures.
     Mirrored,
-    /// The pictures stand on their heads.
+    /// The pictures are upside down.
     HalfTurned,
     /// Two cameras have each other's pictures, or each other's calibration.
     Swapped,
-    /// Three cameras or more have each other's pictures: each fits the calibration of the next, the last that of the first.
+    /// Three cameras or more have each other's pictures, in a cycle: each fits the calibration of the next.
     Permuted,
     /// Two cameras show the same picture.
     SamePictures,
     /// The pictures fit the calibration of another camera.
     OtherCalibration,
-    /// The keypoints that come of it are in another order than the network's: in a file that another program wrote.
+    /// Its keypoints are in another order than the network's, as in a file of another program.
     KeypointOrder {
-        /// How many are where another should be.
+        /// Number of keypoints in the wrong place.
         moved: usize,
-        /// Whether left and right are exchanged, and nothing else.
+        /// Whether only left and right are exchanged.
         sides: bool,
     },
-    /// Some keypoints are written in the place of others in all cameras alike, or all in the order of another program.
+    /// In all cameras, some keypoints are written in the place of others, or all are in the order of another program.
     ExchangedKeypoints {
-        /// Which.
+        /// Which keypoints.
         exchange: KeypointExchange,
     },
-    /// The keypoints are where people are, and have scores that are too low to count: of some cameras, or of all.
+    /// The keypoints are at the right places, but their scores are too low to count: of some cameras, or of all.
     LowScores {
-        /// Which share of them, of those bodies of which most are so, 0 to 1.
+        /// Share of keypoints with low scores, among bodies with mostly such keypoints, 0 to 1.
         share: f64,
     },
-    /// The keypoints of all cameras alike are elsewhere in the pictures: found in smaller ones, say.
+    /// The keypoints of all cameras are at other places in the pictures, in the same way: found in smaller pictures, for example.
     PictureOfAll {
-        /// Where.
+        /// How the pictures differ.
         change: PictureOfAll,
     },
-    /// The keypoints of one camera are elsewhere in its pictures.
+    /// The keypoints of one camera are at other places in its pictures.
     OtherPicture {
-        /// Where.
+        /// How the pictures differ.
         change: PictureOfAll,
     },
-    /// The focal length is another than the calibration says: of one camera, or of several by one factor.
+    /// The focal length differs from the calibration: of one camera, or of several by one factor.
     FocalLength {
         /// True length as a factor of the calibrated one.
         factor: f64,
     },
-    /// The lens distortion is another than the calibration says.
+    /// The lens distortion differs from the calibration.
     Distortion {
-        /// By how much k1 of the calibration is larger than it should be, nearly.
+        /// Calibrated k1 less the true one, approximately.
         k1_over: f64,
     },
-    /// The pictures stand still while people move before the camera.
+    /// The pictures do not change while people move in front of the camera.
     Frozen {
-        /// The tick since which they do, as far as is known.
+        /// The tick since which they do not change, as far as is known.
         since_tick: i64,
     },
-    /// The camera shows nobody while people are in its picture.
+    /// The camera shows no people while people are in its view.
     Silent {
-        /// The tick since which it does, as far as is known; `None` where it never showed anybody.
+        /// The tick since which it shows none, as far as is known; `None` if it never showed any.
         since_tick: Option<i64>,
     },
     /// The camera was turned since it was calibrated.
@@ -226,46 +225,46 @@ pub enum DisagreementCause {
     },
     /// The camera was moved since it was calibrated, and turned with it.
     Moved {
-        /// How far, metres.
+        /// Distance, metres.
         distance_m: f64,
-        /// By what, degrees.
+        /// Turn, degrees.
         degrees: f64,
     },
-    /// Lenses are of the other kind than calibrated: of one camera, or of all that are called that kind.
+    /// Lenses are of another kind than calibrated: of one camera, or of all that are calibrated as that kind.
     LensKind {
-        /// Whether they seem to be fisheyes, and are not called so.
+        /// Whether they seem to be fisheyes that are not calibrated as such.
         fisheye: bool,
     },
-    /// People have sizes that people do not have: the unit of the calibration, or its scale.
+    /// People are too small or too tall: the unit or the scale of the calibration.
     WorldScale {
         /// Median stature of all people, metres.
         stature_m: f64,
-        /// How many were measured.
+        /// Number of measured people.
         people: usize,
         /// The shortest and the tallest of them, metres.
         range_m: [f64; 2],
-        /// The shortest and the tallest whom the venue names with a stature, metres.
+        /// The shortest and the tallest stature given in the venue file, metres.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         expected_m: Option<[f64; 2]>,
     },
-    /// The floor on which people stand is tilted, and so are they: z of the calibration is not up.
+    /// The floor and the people on it are tilted: z of the calibration is not up.
     WorldTilted {
         /// Degrees.
         degrees: f64,
     },
-    /// People stand under the floor, or nobody on it: the origin of the calibration, or the venue's `floor_m`.
+    /// All people stand under the floor, or all above it: the origin of the calibration, or the venue's `floor_m`.
     FloorHeight {
-        /// How high the feet of those who stand are above the floor, metres: of the highest of them where all are under it,
-        /// of the lowest where all are above it; the median over time.
+        /// Height of the feet of standing people above the floor, metres, the median over time: of the highest person if all are
+        /// under the floor, of the lowest if all are above it.
         above_m: f64,
-        /// Where the floor is, world z, metres.
+        /// Height of the floor, world z, metres.
         floor_m: f64,
     },
     /// None of these explains it.
     Unexplained,
 }
 
-/// What is in the place of what.
+/// Which keypoints are exchanged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum KeypointExchange {
@@ -311,25 +310,25 @@ pub enum KeypointExchange {
     Human36m,
 }
 
-/// Where the keypoints of all cameras are, or of one.
+/// How the pictures in which keypoints are given differ from the calibrated ones.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PictureOfAll {
-    /// In pictures with left and right exchanged.
+    /// Left and right are exchanged.
     Mirrored,
-    /// With y counted from below.
+    /// y is counted from below.
     FromBelow,
-    /// In pictures that stand on their heads.
+    /// They are upside down.
     HalfTurned,
-    /// With y in the place of x.
+    /// x and y are exchanged.
     XAndYExchanged,
-    /// In pictures turned by a quarter.
+    /// They are turned by 90 degrees.
     QuarterTurned,
-    /// In pictures that were scaled or cut after they were calibrated, or before.
+    /// They were scaled or cropped.
     Resized {
-        /// What x and y of a keypoint must be multiplied by.
+        /// Factors by which x and y of a keypoint must be multiplied.
         scale: [f64; 2],
-        /// What must be added to them then, as shares of the calibrated picture's width and height.
+        /// Shift that must be added then, as shares of the calibrated picture's width and height.
         shift: [f64; 2],
     },
 }

@@ -1,4 +1,4 @@
-//! What a disagreement is called, and what is to be done about it.
+//! The sentences of each cause: what was found, and the remedy.
 
 mod keypoints;
 mod standing;
@@ -7,8 +7,12 @@ use self::keypoints::{exchanged, low_scores, other_picture, picture_of_all};
 use self::standing::{floor_height, scale_of_subjects, world_scale, world_tilted};
 use super::report::DisagreementCause;
 
-/// What was found of these cameras, and the remedy.
-pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> (String, String) {
+/// What was found about these cameras, and the remedy.
+pub(super) fn sentences(
+    cameras: &[String],
+    cause: DisagreementCause,
+    rate_hz: f64,
+) -> (String, String) {
     let first = cameras.first().map_or("", String::as_str);
     let second = cameras.get(1).map_or("", String::as_str);
     match cause {
@@ -33,8 +37,8 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
         DisagreementCause::SamePictures => same_pictures(first, second),
         DisagreementCause::OtherCalibration => other_calibration(first, second),
         DisagreementCause::KeypointOrder { .. } if cameras.is_empty() => (
-            "left and right are exchanged in everybody, as all cameras show them: noses are behind shoulders".to_owned(),
-            "look at the order of keypoints in the network's card, or in the files (COCO: the person's left before the right); if it is right, all pictures are mirrored, or the calibration is"
+            "left and right are exchanged in the keypoints of all cameras: noses are behind shoulders".to_owned(),
+            "check the order of keypoints in the network's card, or in the files (COCO: the person's left before the right); if it is right, all pictures are mirrored, or the calibration is"
                 .to_owned(),
         ),
         DisagreementCause::KeypointOrder { moved, sides } => (
@@ -42,7 +46,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
                 format!("left and right are exchanged in the keypoints of camera {first}")
             } else {
                 format!(
-                    "the keypoints of camera {first} are in another order than those of the others: {moved} are where another should be"
+                    "the keypoints of camera {first} are in another order than those of the others: {moved} are in the wrong place"
                 )
             },
             "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the person's left before the right)"
@@ -83,7 +87,7 @@ pub(super) fn of(cameras: &[String], cause: DisagreementCause, rate_hz: f64) -> 
 fn drifts(camera: &str, ticks_per_minute: f64) -> (String, String) {
     (
         format!("camera {camera} runs at another rate: it is {ticks_per_minute:.1} ticks later every minute"),
-        "give the true rate of its video: convert it to the rate of the venue, or record all cameras at one rate"
+        "check the true rate of its video: convert it to the rate of the venue, or record all cameras at one rate"
             .to_owned(),
     )
 }
@@ -100,7 +104,7 @@ fn other_calibration(camera: &str, other: &str) -> (String, String) {
         format!(
             "the pictures of camera {camera} fit the calibration of camera {other} better than its own"
         ),
-        "look whether the sources in the venue file and the names in the calibration belong together"
+        "check that the sources in the venue file and the names in the calibration belong together"
             .to_owned(),
     )
 }
@@ -127,7 +131,7 @@ fn mirrored(first: &str) -> (String, String) {
 
 fn half_turned(first: &str) -> (String, String) {
     (
-            format!("the pictures of camera {first} seem to stand on their heads"),
+            format!("the pictures of camera {first} seem to be upside down"),
             "turn the video by 180 degrees (ffmpeg -vf hflip,vflip), or calibrate the camera as it hangs"
                 .to_owned(),
         )
@@ -138,7 +142,7 @@ fn turned(camera: &str, degrees: f64) -> (String, String) {
         format!(
             "camera {camera} seems to have been turned by {degrees:.1} degrees since it was calibrated"
         ),
-        "calibrate where it stands again".to_owned(),
+        "calibrate its position and direction again".to_owned(),
     )
 }
 
@@ -147,7 +151,7 @@ fn moved(camera: &str, distance_m: f64, degrees: f64) -> (String, String) {
         format!(
             "camera {camera} seems to have been moved by {distance_m:.2} m and turned by {degrees:.1} degrees since it was calibrated"
         ),
-        "calibrate where it stands again".to_owned(),
+        "calibrate its position and direction again".to_owned(),
     )
 }
 
@@ -165,26 +169,26 @@ fn lens_kind(cameras: &[String], fisheye: bool) -> (String, String) {
     let (found, remedy) = if fisheye {
         let a = if cameras.len() == 1 { "a " } else { "" };
         (
-            format!("{of} {seems} to be {a}{fisheyes}, and the calibration does not say so"),
-            "with coefficients of OpenCV's fisheye model (k1 k2 k3 k4) say `fisheye = true` in the calibration, else calibrate with it",
+            format!("{of} {seems} to be {a}{fisheyes}, but the calibration has `fisheye = false`"),
+            "if the coefficients are of OpenCV's fisheye model (k1 k2 k3 k4), set `fisheye = true`; otherwise calibrate with that model",
         )
     } else {
         (
-            format!("{of} {seems} to be no {fisheyes}, although the calibration says so"),
-            "with coefficients of an ordinary lens (k1 k2 p1 p2 k3) say `fisheye = false` in the calibration, else calibrate anew",
+            format!("{of} {seems} to be no {fisheyes}, but the calibration has `fisheye = true`"),
+            "if the coefficients are of an ordinary lens (k1 k2 p1 p2 k3), set `fisheye = false`; otherwise calibrate again",
         )
     };
     (found, remedy.to_owned())
 }
 
-/// From which change of a focal length on, as a share, it is no camera that was moved by a few decimetres.
-const MOST_NEARER: f64 = 0.06;
+/// Largest change of a focal length, as a share, that a camera moved by a few decimetres explains as well.
+const MAX_MOVED_CHANGE: f64 = 0.06;
 
 fn focal_length(cameras: &[String], factor: f64) -> (String, String) {
     if let [camera] = cameras {
-        // Who came nearer shows people larger, too: by a tenth where they are ten times as far.
-        let remedy = if (factor - 1.0).abs() < MOST_NEARER {
-            "was it zoomed, calibrated at another resolution, or moved straight ahead or back? Calibrate its lens, and where it stands, again"
+        // A camera that came nearer shows people larger, too: by a tenth if it came nearer by a tenth of their distance.
+        let remedy = if (factor - 1.0).abs() < MAX_MOVED_CHANGE {
+            "was it zoomed, calibrated at another resolution, or moved straight ahead or back? Calibrate its lens and its position again"
         } else {
             "was it zoomed, or calibrated at another resolution? Calibrate its lens again"
         };
@@ -201,7 +205,7 @@ fn focal_length(cameras: &[String], factor: f64) -> (String, String) {
                 "the focal lengths of cameras {cameras} seem to be {factor:.2} times the calibrated ones, all by one factor"
             ),
             "were they calibrated at another resolution or zoom, with another crop or stabilisation? Calibrate their lenses \
-             again, as they record now"
+             again, with the settings of the recording"
                 .to_owned(),
         )
     }
@@ -209,11 +213,11 @@ fn focal_length(cameras: &[String], factor: f64) -> (String, String) {
 
 fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
     let (whose, are, moved) = match cameras {
-        // From where it stands now it sees people beside where they are, as through another lens.
+        // A camera that was moved sees people at other places, as through another lens.
         [camera] => (
             format!("the lens distortion of camera {camera}"),
             "is",
-            ", or was the camera moved since it was calibrated? Calibrate its lens and where it stands again",
+            ", or was the camera moved since it was calibrated? Calibrate its lens and its position again",
         ),
         _ => (
             "the lens distortions of all cameras".to_owned(),
@@ -221,14 +225,14 @@ fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
             "? Calibrate their lenses again",
         ),
     };
-    let way = if k1_over > 0.0 { "less" } else { "more" };
+    let direction = if k1_over > 0.0 { "less" } else { "more" };
     (
         format!(
-            "{whose} {are} not as calibrated: lines of sight meet better with a k1 that is {:.2} {way}",
+            "{whose} {are} not as calibrated: lines of sight meet better with a k1 that is {:.2} {direction}",
             k1_over.abs()
         ),
         format!(
-            "look at `distortions` (k1 k2 p1 p2 k3, in this order, with OpenCV's signs): are they of {}, at this zoom{moved}",
+            "check `distortions` (k1 k2 p1 p2 k3, in this order, with OpenCV's signs): are they of {}, at this zoom{moved}",
             if cameras.len() == 1 {
                 "this camera"
             } else {
@@ -241,10 +245,10 @@ fn distortion(cameras: &[String], k1_over: f64) -> (String, String) {
 fn frozen(camera: &str, since_tick: i64, rate_hz: f64) -> (String, String) {
     (
         format!(
-            "the pictures of camera {camera} stand still since tick {since_tick} ({:.1} s) at the latest, while people move before it",
+            "the pictures of camera {camera} have not changed since tick {since_tick} ({:.1} s) at the latest, while people move in front of it",
             since_tick as f64 / rate_hz
         ),
-        "look at its recording: does it stop before the others do, or repeat its last picture? Live: start the camera anew"
+        "check its recording: does it end before the others, or repeat its last picture? Live: restart the camera"
             .to_owned(),
     )
 }
@@ -276,16 +280,16 @@ fn late_in_part(
         )
     };
     let change = (after - before).abs();
-    // What is lost makes what comes after it come early.
-    let (why, mend) = if after < before {
-        ("lost frames there", "put in")
+    // After lost frames a recording is early.
+    let (why, fix) = if after < before {
+        ("lost frames there", "insert")
     } else {
-        ("waited there, or holds frames twice", "take out")
+        ("paused there, or repeats frames", "remove")
     };
     (
         found,
         format!(
-            "its recording {why}: {mend} about {change:.0} frames at that place, or record it anew without gaps; live: look at the load of its box"
+            "its recording {why}: {fix} about {change:.0} frames at that place, or record again without gaps; live: check the load of its computer"
         ),
     )
 }
@@ -293,32 +297,32 @@ fn late_in_part(
 fn silent(camera: &str, since_tick: Option<i64>, rate_hz: f64) -> (String, String) {
     let found = match since_tick {
         Some(tick) => format!(
-            "camera {camera} has shown nobody since tick {tick} ({:.1} s), although people are in its picture",
+            "camera {camera} has shown no people since tick {tick} ({:.1} s), although people are in its view",
             tick as f64 / rate_hz
         ),
         None => {
-            format!("camera {camera} has never shown anybody, although people are in its picture")
+            format!("camera {camera} has never shown any people, although people are in its view")
         }
     };
     (
         found,
-        "is it covered, dark, out of focus or turned away? Look at its recording; of a file of keypoints, whether it holds people to its end"
+        "is it covered, dark, out of focus or turned away? Check its recording; if it is a file of keypoints, check that it has people up to its end"
             .to_owned(),
     )
 }
 
 fn late(camera: &str, ticks: f64, rate_hz: f64) -> (String, String) {
-    let (word, cut, ticks) = if ticks > 0.0 {
-        ("late", "its first", ticks)
+    let (word, shortened, ticks) = if ticks > 0.0 {
+        ("late", "this camera", ticks)
     } else {
-        ("early", "the first of all others by", -ticks)
+        ("early", "all others", -ticks)
     };
     let seconds = ticks / rate_hz;
     let ms = seconds * 1000.0;
     (
-        format!("camera {camera} is {ticks:.1} ticks ({ms:.0} ms) {word} against the others"),
+        format!("camera {camera} is {ticks:.1} ticks ({ms:.0} ms) {word} relative to the others"),
         format!(
-            "cut the videos so that all begin at the same instant (here {cut} {seconds:.3} s, ffmpeg -ss); live: look at the clock of its box"
+            "cut the videos so that all begin at the same instant (here the first {seconds:.3} s of {shortened}, ffmpeg -ss); live: check the clock of its computer"
         ),
     )
 }
@@ -327,7 +331,7 @@ fn unexplained(cameras: &[String]) -> (String, String) {
     if let [camera] = cameras {
         (
             format!("camera {camera} does not agree with the others"),
-            "look at its picture and its calibration: it may show another time (late, or a picture that stands still), have been moved, have another lens, or belong to another venue"
+            "check its picture and its calibration: it may be late or frozen, have been moved, have another lens, or belong to another venue"
                 .to_owned(),
         )
     } else {
@@ -336,7 +340,7 @@ fn unexplained(cameras: &[String]) -> (String, String) {
                 "cameras {} do not agree with each other",
                 cameras.join(", ")
             ),
-            "look at their pictures and the calibration: `--overlay` draws what fusion found"
+            "check their pictures and the calibration: `--overlay` draws what fusion found"
                 .to_owned(),
         )
     }

@@ -65,7 +65,7 @@ impl Disagreement {
         cause: DisagreementCause,
         rate_hz: f64,
     ) -> Self {
-        let (found, remedy) = words::of(&cameras, cause, rate_hz);
+        let (found, remedy) = words::sentences(&cameras, cause, rate_hz);
         Self {
             cameras,
             cause,

@@ -1,4 +1,4 @@
-//! What is said of a camera that was moved, turned or zoomed a little, or has the lens of another in the calibration.
+//! Tests with a camera that was moved, turned or zoomed a little.
 
 use nalgebra::Vector3;
 
@@ -8,8 +8,8 @@ use super::AgreementVerdict::{Agrees, Unknown};
 use super::*;
 
 #[test]
-fn a_camera_that_was_moved_by_some_centimetres_is_told_to_a_third() {
-    // Straight ahead it is a zoom or a bend as well.
+fn a_move_of_some_centimetres_is_reported_to_forty_percent() {
+    // A move straight ahead also looks like a zoom or a distortion.
     for moved_m in [[0.1, 0.0, 0.0], [0.0, -0.08, 0.0]] {
         let mistake = Mistake {
             moved_m,
@@ -34,7 +34,7 @@ fn a_camera_that_was_moved_by_some_centimetres_is_told_to_a_third() {
 }
 
 #[test]
-fn a_camera_that_was_moved_by_a_hand_s_breadth_has_no_other_lens() {
+fn a_move_of_five_centimetres_is_not_reported_as_another_lens() {
     for moved_m in [[0.05, 0.0, 0.0], [0.0, 0.05, 0.0], [0.0, 0.0, -0.05]] {
         let mistake = Mistake {
             moved_m,
@@ -56,7 +56,7 @@ fn a_camera_that_was_moved_by_a_hand_s_breadth_has_no_other_lens() {
 }
 
 #[test]
-fn crops_that_show_somebody_else_turn_no_camera_whose_sightings_meet_those_of_the_others() {
+fn crops_of_another_person_do_not_turn_a_camera_with_valid_sightings() {
     let mistake = Mistake {
         crops_of_the_other: true,
         ..Mistake::default()
@@ -67,7 +67,7 @@ fn crops_that_show_somebody_else_turn_no_camera_whose_sightings_meet_those_of_th
     }
 }
 
-/// A hall in which nobody moves, of whose second camera crops and sightings say this.
+/// The report on a hall with people who stand still. The second camera has one mistake in crops and another in sightings.
 fn still(crops: Mistake, sightings: Mistake) -> AgreementReport {
     let samples = |mistake: Mistake| {
         let mut hall = Hall::with(1, mistake);
@@ -80,21 +80,21 @@ fn still(crops: Mistake, sightings: Mistake) -> AgreementReport {
 }
 
 #[test]
-fn where_nobody_moves_a_zoom_that_only_crops_show_is_not_told() {
+fn a_zoom_in_crops_alone_is_not_reported_if_people_stand_still() {
     let zoomed = Mistake {
         focal_factor: 0.8,
         ..Mistake::default()
     };
     let both = still(zoomed, zoomed).disagreements;
     assert!(
-        matches!(&both[..], [told] if matches!(told.cause, DisagreementCause::FocalLength { .. })),
+        matches!(&both[..], [one] if matches!(one.cause, DisagreementCause::FocalLength { .. })),
         "{both:?}"
     );
     assert_eq!(still(zoomed, Mistake::default()).disagreements, []);
 }
 
 #[test]
-fn a_camera_that_shows_somebody_else_is_told_of_unless_all_is_of_one_moment() {
+fn a_camera_with_another_person_is_reported_unless_at_one_moment() {
     let mut hall = Hall {
         still: true,
         ..Hall::default()
@@ -103,10 +103,10 @@ fn a_camera_that_shows_somebody_else_is_told_of_unless_all_is_of_one_moment() {
         mistake.sees_only = Some(usize::from(camera == 2));
     }
     let mut samples = hall.samples();
-    let told = samples.report().disagreements;
+    let all = samples.report().disagreements;
     assert!(
-        matches!(&told[..], [told] if told.cameras == names(&[2])),
-        "{told:?}"
+        matches!(&all[..], [one] if one.cameras == names(&[2])),
+        "{all:?}"
     );
     for (tick, pass) in (0..).zip(&mut samples.samples.passes) {
         *pass = Arc::new(PassSample {
@@ -124,7 +124,7 @@ fn a_camera_that_shows_somebody_else_is_told_of_unless_all_is_of_one_moment() {
 }
 
 #[test]
-fn a_camera_that_was_knocked_is_told_by_both() {
+fn a_knocked_camera_is_reported_as_moved_or_turned() {
     let mistake = Mistake {
         moved_m: [0.06, -0.05, 0.02],
         turned_deg: [0.5, 1.0, 0.4],
@@ -136,16 +136,16 @@ fn a_camera_that_was_knocked_is_told_by_both() {
             panic!("camera {camera}: {causes:?}");
         };
         assert_eq!(*cameras, names(&[camera]));
-        let is_told = matches!(
+        let is_rigid = matches!(
             cause,
             DisagreementCause::Moved { .. } | DisagreementCause::Turned { .. }
         );
-        assert!(is_told, "camera {camera}: {cause:?}");
+        assert!(is_rigid, "camera {camera}: {cause:?}");
     }
 }
 
 #[test]
-fn a_roll_of_three_degrees_is_told() {
+fn a_roll_of_three_degrees_is_reported() {
     let mistake = Mistake {
         turned_deg: [0.0, 0.0, 3.0],
         ..Mistake::default()
@@ -161,7 +161,7 @@ fn a_roll_of_three_degrees_is_told() {
 }
 
 #[test]
-fn a_zoom_of_a_twentieth_is_no_move_and_a_late_camera_has_not_moved() {
+fn a_small_zoom_and_a_delay_are_not_reported_as_a_move() {
     let zoomed = Mistake {
         focal_factor: 1.05,
         ..Mistake::default()
@@ -186,7 +186,7 @@ fn a_zoom_of_a_twentieth_is_no_move_and_a_late_camera_has_not_moved() {
 }
 
 #[test]
-fn all_cameras_that_were_moved_are_not_each_told_of() {
+fn moves_of_all_cameras_are_not_reported_one_by_one() {
     let mut hall = Hall::default();
     for (camera, (_, mistake)) in hall.shows.iter_mut().enumerate() {
         mistake.moved_m[camera % 2] = 0.1;

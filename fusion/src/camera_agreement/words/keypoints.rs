@@ -1,4 +1,4 @@
-//! What the keypoints of all cameras alike have that they should not.
+//! Sentences about keypoints: exchanged, in other pictures, or with low scores.
 
 use super::super::report::{KeypointExchange, PictureOfAll};
 use super::super::samples::MIN_SCORE;
@@ -7,7 +7,7 @@ pub(super) fn exchanged(exchange: KeypointExchange) -> (String, String) {
     (
         exchange.words(),
         "write them in the order of the network's card (COCO: nose, eyes, ears, shoulders, elbows, wrists, hips, knees, ankles, the \
-         person's left before the right), or bring another program's files in by `farfield import`"
+         person's left before the right), or convert another program's files with `farfield import`"
             .to_owned(),
     )
 }
@@ -15,11 +15,11 @@ pub(super) fn exchanged(exchange: KeypointExchange) -> (String, String) {
 pub(super) fn picture_of_all(change: PictureOfAll) -> (String, String) {
     (
         format!(
-            "the keypoints of all cameras are not where the calibration has them, all alike: {}",
-            where_they_are(change)
+            "the keypoints of all cameras do not fit the calibrated pictures, all in the same way: {}",
+            difference(change)
         ),
-        "give keypoints in pixels of the pictures that were calibrated, from their top left corner, or calibrate in pictures as the \
-         keypoints were found in"
+        "give keypoints in pixels of the calibrated pictures, from their top left corner, or calibrate with pictures like those in which \
+         the keypoints were found"
             .to_owned(),
     )
 }
@@ -27,22 +27,22 @@ pub(super) fn picture_of_all(change: PictureOfAll) -> (String, String) {
 pub(super) fn other_picture(camera: &str, change: PictureOfAll) -> (String, String) {
     (
         format!(
-            "what camera {camera} shows is not where its calibration has it: {}",
-            where_they_are(change)
+            "the keypoints of camera {camera} do not fit its calibrated pictures: {}",
+            difference(change)
         ),
-        "give its video or keypoints as the pictures were that were calibrated, in their pixels from the top left corner (a turned video: \
-         `ffmpeg -vf transpose`), or look whether its `matrix` is of pictures of another size"
+        "give its video or keypoints in the size and orientation of the calibrated pictures, in pixels from the top left corner (a turned \
+         video: `ffmpeg -vf transpose`), or check whether its `matrix` is for pictures of another size"
             .to_owned(),
     )
 }
 
-fn where_they_are(change: PictureOfAll) -> String {
+fn difference(change: PictureOfAll) -> String {
     match change {
         PictureOfAll::Mirrored => "left and right of the pictures are exchanged".to_owned(),
         PictureOfAll::FromBelow => "y is counted from below".to_owned(),
-        PictureOfAll::HalfTurned => "the pictures stand on their heads".to_owned(),
+        PictureOfAll::HalfTurned => "the pictures are upside down".to_owned(),
         PictureOfAll::XAndYExchanged => "x and y are exchanged".to_owned(),
-        PictureOfAll::QuarterTurned => "the pictures are turned by a quarter".to_owned(),
+        PictureOfAll::QuarterTurned => "the pictures are turned by 90 degrees".to_owned(),
         PictureOfAll::Resized { scale, shift } => resized(scale, shift),
     }
 }
@@ -62,15 +62,15 @@ fn resized([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
         .into_iter()
         .filter_map(moved);
     let why = if words.is_empty() {
-        "so they were found in pictures that were cut, or the principal points (cx, cy of `matrix`) are that far off"
+        "so they were found in cropped pictures, or the principal points (cx, cy of `matrix`) are wrong by as much"
     } else {
-        "so they were found in pictures that were made smaller, larger, or cut"
+        "so they were found in pictures that were scaled or cropped"
     };
     if right.abs() > 0.01 || down.abs() > 0.01 {
         let moved: Vec<String> = moved.collect();
         words.push(format!("moved by {}", moved.join(" and ")));
     }
-    format!("they agree once they are {}, {why}", words.join(", "))
+    format!("they agree if they are {}, {why}", words.join(", "))
 }
 
 pub(super) fn low_scores(cameras: &[String], share: f64) -> (String, String) {
@@ -81,11 +81,11 @@ pub(super) fn low_scores(cameras: &[String], share: f64) -> (String, String) {
     };
     (
         format!(
-            "the keypoints of {of} are where people are, but {:.0} % of them have scores below {MIN_SCORE}, with which they do not count",
+            "the keypoints of {of} are where people are, but {:.0} % of them have scores below {MIN_SCORE} and do not count",
             100.0 * share
         ),
-        "look at what wrote them: a score is 0 to 1, and 1 is sure; is it 1 - score, or in another unit? If a network is so unsure, people \
-         are too small or too dark for it"
+        "check the program that wrote them: a score is 0 to 1, and 1 is sure; is it 1 - score, or in another unit? If the network itself is \
+         so unsure, people are too small or too dark for it"
             .to_owned(),
     )
 }
@@ -95,7 +95,7 @@ mod tests {
     use super::{low_scores, resized};
 
     #[test]
-    fn of_which_cameras_scores_are_too_low_is_said_and_of_which_share_of_keypoints() {
+    fn low_scores_name_the_cameras_and_the_share_of_keypoints() {
         for (cameras, of) in [
             (vec![], "of all cameras are"),
             (vec!["a"], "of camera a are"),
@@ -108,13 +108,16 @@ mod tests {
     }
 
     #[test]
-    fn pictures_that_were_moved_are_told_along_the_sides_that_they_were_moved_along() {
-        let told = resized([1.0; 2], [0.021, -0.002]);
-        assert!(told.contains("moved by +2 % of the width, so"), "{told}");
-        let told = resized([1.0; 2], [0.021, -0.034]);
+    fn a_shift_is_reported_only_along_the_sides_that_it_has() {
+        let message = resized([1.0; 2], [0.021, -0.002]);
         assert!(
-            told.contains("+2 % of the width and -3 % of the height"),
-            "{told}"
+            message.contains("+2 % of the width,") && !message.contains("height"),
+            "{message}"
+        );
+        let message = resized([1.0; 2], [0.021, -0.034]);
+        assert!(
+            message.contains("+2 % of the width and -3 % of the height"),
+            "{message}"
         );
     }
 }

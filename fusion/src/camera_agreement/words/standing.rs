@@ -1,13 +1,12 @@
-//! What is told of how tall people are and of the floor on which they stand.
+//! Sentences about how tall people are, and about the floor on which they stand.
 
-/// What adults are tall on average, metres.
+/// Mean stature of adults, metres.
 const ADULT_M: f64 = 1.7;
-/// Statures that differ by less are written as one, metres.
-const SAME_M: f64 = 0.01;
+/// Statures that differ by less are written as one number, metres.
+const SAME_STATURE_M: f64 = 0.01;
 
-/// The lowest and the highest of some statures.
-fn between([low_m, high_m]: [f64; 2]) -> String {
-    if high_m - low_m < SAME_M {
+fn range([low_m, high_m]: [f64; 2]) -> String {
+    if high_m - low_m < SAME_STATURE_M {
         format!("{low_m:.2} m")
     } else {
         format!("{low_m:.2} to {high_m:.2} m")
@@ -21,23 +20,23 @@ pub(super) fn world_scale(
 ) -> (String, String) {
     let found = if people == 1 {
         format!("the one person who was measured is {stature_m:.2} m tall")
-    } else if high_m - low_m < SAME_M {
+    } else if high_m - low_m < SAME_STATURE_M {
         format!("everybody is {stature_m:.2} m tall")
     } else {
-        let statures = between([low_m, high_m]);
+        let statures = range([low_m, high_m]);
         format!("everybody is {statures} tall ({people} people)")
     };
     let unless = match (stature_m < ADULT_M, people) {
         (true, 1) => "unless this is a child",
         (true, _) => "unless all of them are children",
-        (false, 1) => "unless this person is",
-        (false, _) => "unless all of them are",
+        (false, 1) => "unless this person is so tall",
+        (false, _) => "unless all of them are so tall",
     };
     (
         found,
         format!(
             "{unless}: is the calibration in metres? Scale its translations (of adults by about {:.2}), or calibrate with an object of \
-             known size; who is to come can be said by `[[subject]]` with `stature_m`",
+             known size; the venue file can state who is expected, by `[[subject]]` with `stature_m`",
             ADULT_M / stature_m.max(0.01)
         ),
     )
@@ -49,11 +48,12 @@ pub(super) fn scale_of_subjects(
     expected_m: [f64; 2],
 ) -> (String, String) {
     let [short_m, tall_m] = expected_m;
-    let [found, named] = [range_m, expected_m].map(between);
+    let [found, named] = [range_m, expected_m].map(range);
     (
-        format!("everybody is {found} tall, and those whom the venue names are {named}"),
+        format!("everybody is {found} tall, but the subjects of the venue file are {named}"),
         format!(
-            "if they are the ones, scale the translations of the calibration by about {:.2}; else mend `stature_m` of each `[[subject]]`",
+            "if these are the same people, scale the translations of the calibration by about {:.2}; otherwise correct `stature_m` of each \
+             `[[subject]]`",
             0.5 * (short_m + tall_m) / stature_m.max(0.01)
         ),
     )
@@ -62,9 +62,9 @@ pub(super) fn scale_of_subjects(
 pub(super) fn world_tilted(degrees: f64) -> (String, String) {
     (
         format!(
-            "the floor on which people stand is tilted by {degrees:.1} degrees, and so are they: z of the calibration is not up"
+            "the floor and the people on it are tilted by {degrees:.1} degrees: z of the calibration is not up"
         ),
-        "align the calibration anew, with z up: by the floor or by places in `farfield calibrate ... --marks`"
+        "align the calibration again, with z up: by the floor, or by marked places in `farfield calibrate ... --marks`"
             .to_owned(),
     )
 }
@@ -75,17 +75,17 @@ pub(super) fn floor_height(above_m: f64, floor_m: f64) -> (String, String) {
         let found = format!("everybody who stands is {:.2} m under the floor", -above_m);
         (found, "")
     } else {
-        let found = format!("nobody stands on the floor: all feet are {above_m:.2} m above it");
+        let found = format!("all feet are {above_m:.2} m above the floor");
         (
             found,
-            "if people stand on a stage or a treadmill, hang or jump, that is so; else ",
+            "if people stand on a stage or a treadmill, hang or jump, this is correct; otherwise ",
         )
     };
     (
         format!("{found} (at z = {feet_m:.2} m, `floor_m` is {floor_m:.2} m)"),
         format!(
-            "{first}set `[field] floor_m` of the venue to where people stand (`min_m` no higher); if it is right, look at the \
-             origin of the calibration, and, where people are too large or too small as well, at the focal lengths"
+            "{first}set `[field] floor_m` of the venue to the height at which people stand (`min_m` no higher); if it is right, check \
+             the origin of the calibration, and also the focal lengths if people are too large or too small"
         ),
     )
 }
@@ -95,17 +95,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_stature_is_not_written_as_two() {
+    fn equal_statures_are_written_once() {
         let (found, remedy) = scale_of_subjects(1.76, [1.76, 1.76], [1.5, 1.5]);
         assert_eq!(
             found,
-            "everybody is 1.76 m tall, and those whom the venue names are 1.50 m"
+            "everybody is 1.76 m tall, but the subjects of the venue file are 1.50 m"
         );
         assert!(remedy.contains("by about 0.85"), "{remedy}");
         let (found, _) = scale_of_subjects(1.76, [1.7, 1.8], [1.5, 1.55]);
         assert_eq!(
             found,
-            "everybody is 1.70 to 1.80 m tall, and those whom the venue names are 1.50 to 1.55 m"
+            "everybody is 1.70 to 1.80 m tall, but the subjects of the venue file are 1.50 to 1.55 m"
         );
     }
 }

@@ -102,7 +102,10 @@ fn the_remedy_for_small_displacements_is_calibration_in_place() {
     ] {
         let disagreement = disagreement_of(camera, moved_m, turned_deg);
         let remedy = disagreement["remedy"].as_str().unwrap();
-        assert_eq!(remedy, "calibrate where it stands again", "{disagreement}");
+        assert_eq!(
+            remedy, "calibrate its position and direction again",
+            "{disagreement}"
+        );
     }
 }
 

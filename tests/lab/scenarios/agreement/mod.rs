@@ -232,7 +232,7 @@ fn any_two_swapped_sources_are_reported() {
 fn a_late_source_is_reported_with_its_delay() {
     MistakenSample::new()
         .late("south-west", 3)
-        .assert_printed(&["camera south-west is ", " ms) late against the others"]);
+        .assert_printed(&["camera south-west is ", " ms) late relative to the others"]);
 }
 
 #[test]
@@ -277,7 +277,7 @@ fn mirrored_and_upside_down_sources_are_reported() {
     let turn: fn([f64; 2]) -> [f64; 2] = |[x, y]| [SIZE_PX[0] - 1.0 - x, SIZE_PX[1] - 1.0 - y];
     MistakenSample::new()
         .change(&["north-west"], |k| k, turn)
-        .assert_printed(&["camera north-west seem to stand on their heads"]);
+        .assert_printed(&["camera north-west seem to be upside down"]);
 }
 
 #[test]
@@ -293,7 +293,7 @@ fn a_camera_with_changed_pixel_coordinates_is_reported() {
         MistakenSample::new()
             .change(&["north-west"], |k| k, written)
             .assert_printed(&[
-                "what camera north-west shows is not where its calibration has it",
+                "the keypoints of camera north-west do not fit its calibrated pictures",
                 words,
             ]);
     }
@@ -362,7 +362,7 @@ fn feet_reveal_a_wrong_floor_height() {
             text.replace("[-4.0, -4.0, -0.3]", "[-4.0, -4.0, -0.8]")
                 .replace("2.4]", "2.4]\nfloor_m = -0.5")
         })
-        .assert_printed(&["nobody stands on the floor: all feet are 0."]);
+        .assert_printed(&["all feet are 0.", "m above the floor"]);
 }
 
 #[test]
@@ -386,8 +386,8 @@ fn a_camera_that_freezes_to_the_end_is_reported() {
         line["persons"] = stopped.clone();
     }
     sample.assert_printed(&[
-        "the pictures of camera north-west stand still since tick 30 (1.0 s)",
-        "while people move before it",
+        "the pictures of camera north-west have not changed since tick 30 (1.0 s)",
+        "while people move in front of it",
     ]);
 }
 
