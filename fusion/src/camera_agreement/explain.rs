@@ -11,11 +11,11 @@ use super::lens::LensPoints;
 use super::pairs::{CameraRays, PictureChange};
 use super::report::DisagreementCause;
 
-/// Most of the cost that a cause may leave.
+/// Largest share of the cost that a cause may leave.
 const MAX_COST_RATIO: f64 = 0.6;
-/// The same for another order of keypoints in a camera that otherwise agrees.
+/// The same for another order of keypoints in a camera that agrees.
 const MAX_ORDER_COST_RATIO: f64 = 0.5;
-/// An order of keypoints is the best of very many, so it explains a little of anything.
+/// An order of keypoints is the best of very many, so it explains a little of anything. Its cost is multiplied by this.
 const ORDER_HANDICAP: f64 = 1.3;
 
 /// A cause, the cameras that it is about, and the share of the cost that it leaves.
@@ -36,8 +36,8 @@ impl Candidate {
 }
 
 impl Judge<'_> {
-    /// The cause that makes `camera` agree best, and the cameras that it is about. The camera is of `group`, outside of those
-    /// that are taken for right. `None` if no cause explains enough.
+    /// The cause that makes `camera` agree best, and the cameras that it is about. The camera is in `group`, and not taken for
+    /// right. `None` if no cause explains enough.
     pub(super) fn explain(
         &self,
         camera: usize,
@@ -92,7 +92,7 @@ impl Judge<'_> {
         references: &[usize],
         is_free: bool,
     ) -> Option<Candidate> {
-        // With the calibration of the other, lines of sight begin where that stands.
+        // With the calibration of the other camera, lines of sight begin at that camera.
         let apart_from = |of: usize| -> Vec<usize> {
             let thirds = references.iter().copied();
             let thirds = thirds.filter(|&third| third != other && self.are_apart(other, third));
@@ -135,13 +135,13 @@ impl Judge<'_> {
             .filter(|&&other| self.are_apart(camera, other));
         let elsewhere: Vec<&CameraRays> = elsewhere.map(|&other| &self.as_it_is[other]).collect();
         let order = keypoint_order(own, &elsewhere, self.partners)?;
-        let cost = self.cost_against(camera, &own.reordered(&order.of), others)?;
+        let cost = self.cost_against(camera, &own.reordered(&order.places), others)?;
         let KeypointOrder { moved, sides, .. } = order;
         let cause = DisagreementCause::KeypointOrder { moved, sides };
         Some((ORDER_HANDICAP * cost / calibrated, cause))
     }
 
-    /// Cameras that agree well enough, because lines of sight pass near each other, and that have another order of keypoints.
+    /// Cameras with another order of keypoints that agree, because lines of sight pass near each other.
     pub(super) fn find_orders(&self, findings: &mut Findings) {
         loop {
             let right = findings.unexplained();

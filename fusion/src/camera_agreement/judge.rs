@@ -106,7 +106,7 @@ impl<'a> Judge<'a> {
             jumps: (0..lines.len()).map(|of| jump(&by_burst, of)).collect(),
             pose_shifts: against_most(fits.iter().map(|fit| fit.shift).collect(), &bursts),
             fits,
-            points: LensPoints::of(&bursts, samples, &lines, viewpoints),
+            points: LensPoints::from_samples(&bursts, samples, &lines, viewpoints),
             lines,
             samples,
             passes: compared_passes(samples),

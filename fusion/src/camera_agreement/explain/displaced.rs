@@ -1,7 +1,7 @@
-//! What of a camera alone is another than was calibrated: where it stands and looks, or its lens.
+//! What changed in one camera since it was calibrated: its position and direction, or its lens.
 //!
-//! Each change is fitted to one half of the keypoints and weighed by what it leaves of the distances of the other half: what a
-//! network errs on some of them explains nothing of the others, and a change of more numbers has no advantage of them.
+//! Each change is fitted to one half of the keypoints and judged by the distances of the other half. So errors of a network on some
+//! keypoints explain nothing of the others, and a change with more parameters has no advantage.
 
 use super::super::judge::{Findings, Judge};
 use super::super::lens::LensPoints;
@@ -10,63 +10,64 @@ use super::super::pairs::PictureChange;
 use super::super::report::DisagreementCause;
 use super::resection::{Change, Changed, Observed};
 
-/// Keypoints that a camera must show to be fitted.
+/// Fewest keypoints of a camera for a fit.
 const MIN_OBSERVED: usize = 120;
-/// What a change may leave of the median distance to be told of a camera that agrees well enough otherwise. Of right cameras
-/// 0.87 and more was left on the Shelf, 0.97 on the sample.
-const CERTAIN: f64 = 0.72;
-/// The same of the cost of what all keypoints are off, where the change moves them by so much in the median, metres. Of right
-/// cameras of the Shelf, the sample and five simulated scenes 0.98 and more was left; of a camera that was moved by 0.05 m or
-/// turned by a degree 0.7 to 0.9.
-const CERTAIN_COST: f64 = 0.9;
-const LEAST_ASIDE_M: f64 = 0.03;
-/// What the changes of most numbers leave of the cost of cameras that are not worth more fits.
-const WORTH_FITTING: f64 = 0.95;
-/// Least distance of which half costs a half, metres.
-const LEAST_HALF_M: f64 = 0.004;
-/// By how much less than it is the distance must be, metres: no calibration is true to the last millimetre.
-const LEAST_GAIN_M: f64 = 0.01;
-/// What each number more counts: of two changes that explain alike the one with fewer is told.
-const PER_NUMBER: f64 = 0.01;
-/// Least and most way of a camera that was moved, metres.
-const LEAST_MOVED_M: f64 = 0.02;
-const MOST_MOVED_M: f64 = 0.6;
-/// Turns larger than this are no camera that was pushed, radians.
-const MOST_TURNED_RAD: f64 = 0.35;
-/// Least turn that is told, degrees: across a wide field the tenths of a tick by which cameras run freely look like two tenths.
-const LEAST_TURNED_DEG: f64 = 0.5;
-/// Least change of a focal length, as a share, and least and most one of a k1.
-const LEAST_ZOOM: f64 = 0.01;
-const LEAST_K1: f64 = 0.05;
-const MOST_K1: f64 = 0.75;
-/// Of so many cameras that are compared one may be displaced: where more are, it is not each for itself.
-const ONE_IN: usize = 3;
+/// Largest share of the median distance that a change may leave, if the camera agrees. For valid cameras 0.87 and more was left on
+/// the Shelf, and 0.97 on the sample.
+const MAX_MEDIAN_RATIO: f64 = 0.72;
+/// The same for the cost of all distances, and the smallest median shift of keypoints, metres, with which it counts. For valid
+/// cameras of the Shelf, the sample and five simulated scenes 0.98 and more was left; for a camera that was moved by 0.05 m or
+/// turned by a degree, 0.7 to 0.9.
+const MAX_COST_RATIO: f64 = 0.9;
+const MIN_SHIFT_M: f64 = 0.03;
+/// If the changes with most parameters leave more of the cost than this, no other change is fitted.
+const MAX_FULL_FIT_RATIO: f64 = 0.95;
+/// Smallest distance that costs one half, metres.
+const MIN_HALF_COST_M: f64 = 0.004;
+/// Smallest decrease of the median distance, metres: no calibration is exact to the millimetre.
+const MIN_GAIN_M: f64 = 0.01;
+/// Penalty for each parameter of a change: if two changes explain the same, the one with fewer parameters is reported.
+const PARAMETER_PENALTY: f64 = 0.01;
+/// Smallest and largest distance by which a camera was moved, metres.
+const MIN_MOVED_M: f64 = 0.02;
+const MAX_MOVED_M: f64 = 0.6;
+/// Largest turn of a camera that was pushed, radians.
+const MAX_TURNED_RAD: f64 = 0.35;
+/// Smallest turn that is reported, degrees. Free-running cameras differ by tenths of a tick, which looks like 0.2 degrees across a
+/// wide field.
+const MIN_TURNED_DEG: f64 = 0.5;
+/// Smallest change of a focal length, as a share, and smallest and largest change of k1.
+const MIN_ZOOM: f64 = 0.01;
+const MIN_K1: f64 = 0.05;
+const MAX_K1: f64 = 0.75;
+/// One of so many cameras may be displaced: if more are, they are not displaced one by one.
+const CAMERAS_PER_DISPLACED: usize = 3;
 
-/// What explains what a camera shows beside the others.
+/// A change of a camera that explains what it shows relative to the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Displacement {
     pub(super) cause: DisagreementCause,
-    /// The camera as it is then.
+    /// The changed camera.
     changed: Changed,
-    /// What it leaves of the median distance.
+    /// Share of the median distance that it leaves.
     pub(super) ratio: f64,
-    /// What it leaves of the cost of all distances.
+    /// Share of the cost of all distances that it leaves.
     cost_ratio: f64,
-    /// Whether the distance is less by enough to be weighed against other causes.
+    /// Whether the distance decreases enough to compare it with other causes.
     pub(super) is_gain: bool,
-    /// Whether keypoints are aside by enough.
-    is_aside: bool,
+    /// Whether it shifts keypoints far enough.
+    is_shifted: bool,
 }
 
 impl Displacement {
-    /// Whether it is told of a camera that agrees well enough otherwise, or of one that nothing else explains.
+    /// Whether it is reported for a camera that agrees.
     fn is_certain(&self) -> bool {
-        let by_median = self.is_gain && self.ratio < CERTAIN;
-        by_median || self.is_aside && self.cost_ratio < CERTAIN_COST
+        let by_median = self.is_gain && self.ratio < MAX_MEDIAN_RATIO;
+        by_median || self.is_shifted && self.cost_ratio < MAX_COST_RATIO
     }
 }
 
-/// What explains best what a camera shows beside the others that are `right`; `None` where nothing does.
+/// The change that best explains what a camera shows relative to the `right` others; `None` if no change does.
 pub(super) fn displaced(
     points: &LensPoints,
     camera: usize,
@@ -83,36 +84,36 @@ pub(super) fn displaced(
     });
     let fullest = || fullest.iter().flatten();
     let half_m = fullest().map(|(_, m)| *m).fold(f64::INFINITY, f64::min);
-    let half_m = half_m.max(LEAST_HALF_M);
+    let half_m = half_m.max(MIN_HALF_COST_M);
     let least = fullest().map(|(fitted, _)| fitted.mean_cost(observed, half_m));
     let least = least.fold(f64::INFINITY, f64::min);
-    if least >= WORTH_FITTING * calibrated.mean_cost(observed, half_m) {
+    if least >= MAX_FULL_FIT_RATIO * calibrated.mean_cost(observed, half_m) {
         return None;
     }
     let before_m = calibrated.median_m(observed)?;
     let weighed = Change::ALL.into_iter().filter_map(|change| {
         let fitted = Changed::fitted(observed, change)?;
-        let [ratio, cost_ratio] = ratios_across_halves(observed, (change, half_m))?;
-        let numbers = change.numbers().len() as f64;
+        let [ratio, cost_ratio] = ratios_across_halves(observed, change, half_m)?;
+        let n_parameters = change.parameters().len() as f64;
         let displacement = Displacement {
             cause: cause(change, &fitted)?,
             changed: fitted,
             ratio,
             cost_ratio,
-            is_gain: before_m * (1.0 - ratio) >= LEAST_GAIN_M + points.blur_m(),
-            is_aside: fitted.aside_m(observed)? >= LEAST_ASIDE_M + points.blur_m(),
+            is_gain: before_m * (1.0 - ratio) >= MIN_GAIN_M + points.blur_m(),
+            is_shifted: fitted.shift_m(observed)? >= MIN_SHIFT_M + points.blur_m(),
         };
-        Some((cost_ratio * (1.0 + PER_NUMBER * numbers), displacement))
+        Some((
+            cost_ratio * (1.0 + PARAMETER_PENALTY * n_parameters),
+            displacement,
+        ))
     });
     weighed.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, it)| it)
 }
 
-/// What a change that was fitted to one half of the keypoints leaves of the other, both ways: of the median distance, and of the
-/// cost of all.
-fn ratios_across_halves(
-    observed: &[Observed],
-    (change, half_m): (Change, f64),
-) -> Option<[f64; 2]> {
+/// Shares of the median distance and of the cost of all distances that a change leaves on one half of the keypoints if it is fitted
+/// to the other half; both halves together.
+fn ratios_across_halves(observed: &[Observed], change: Change, half_m: f64) -> Option<[f64; 2]> {
     let (odd, even): (Vec<Observed>, Vec<Observed>) =
         observed.iter().partition(|one| one.keypoint % 2 == 1);
     let (mut before, mut after) = ([0.0; 2], [0.0; 2]);
@@ -126,28 +127,27 @@ fn ratios_across_halves(
     Some([0, 1].map(|of| after[of] / before[of].max(f64::MIN_POSITIVE)))
 }
 
-/// What a camera that is changed so is called; `None` where none is.
+/// The cause to report for a change; `None` if it is too small or too large.
 fn cause(change: Change, changed: &Changed) -> Option<DisagreementCause> {
-    let to = |digits: f64, value: f64| (value * digits).round() / digits;
-    let degrees = to(10.0, changed.turned_rad().to_degrees());
-    let is_turned = changed.turned_rad() <= MOST_TURNED_RAD;
+    let rounded = |digits: f64, value: f64| (value * digits).round() / digits;
+    let degrees = rounded(10.0, changed.turned_rad().to_degrees());
+    let is_turned = changed.turned_rad() <= MAX_TURNED_RAD;
     match change {
         Change::FocalLength => {
-            let factor = to(1000.0, changed.focal_factor());
-            ((factor - 1.0).abs() >= LEAST_ZOOM)
-                .then_some(DisagreementCause::FocalLength { factor })
+            let factor = rounded(1000.0, changed.focal_factor());
+            ((factor - 1.0).abs() >= MIN_ZOOM).then_some(DisagreementCause::FocalLength { factor })
         }
         Change::Distortion => {
-            let k1_over = to(100.0, changed.k1_over());
-            (LEAST_K1..=MOST_K1)
+            let k1_over = rounded(100.0, changed.k1_over());
+            (MIN_K1..=MAX_K1)
                 .contains(&k1_over.abs())
                 .then_some(DisagreementCause::Distortion { k1_over })
         }
-        Change::Turned => (is_turned && degrees >= LEAST_TURNED_DEG)
+        Change::Turned => (is_turned && degrees >= MIN_TURNED_DEG)
             .then_some(DisagreementCause::Turned { degrees }),
         Change::Moved => {
-            let distance_m = to(100.0, changed.moved_m());
-            (is_turned && (LEAST_MOVED_M..=MOST_MOVED_M).contains(&distance_m)).then_some(
+            let distance_m = rounded(100.0, changed.moved_m());
+            (is_turned && (MIN_MOVED_M..=MAX_MOVED_M).contains(&distance_m)).then_some(
                 DisagreementCause::Moved {
                     distance_m,
                     degrees,
@@ -158,23 +158,23 @@ fn cause(change: Change, changed: &Changed) -> Option<DisagreementCause> {
 }
 
 impl Judge<'_> {
-    /// Cameras that agree well enough, and of which one change explains what they show relative to the others.
+    /// Cameras that agree, but whose distances a change explains.
     ///
-    /// The surest is taken first. It is left out before the next is looked for, because a displaced camera draws what the
-    /// others say with it.
+    /// The surest camera is taken first. It is left out of the search for the next one, because a displaced camera also displaces
+    /// the places that it shares with others.
     pub(in crate::camera_agreement) fn find_displaced(&self, findings: &mut Findings) {
         let Some(points) = self.points_of_moving() else {
             return;
         };
-        // Through other lenses in all cameras each seems to stand elsewhere.
+        // If the focal lengths of all cameras are wrong, each camera seems displaced.
         let scaled = focal_lengths(points);
         if scaled.as_ref().is_some_and(FocalLengths::is_sure) {
             return;
         }
-        // If all people go one way, a late camera shows them all aside.
+        // If all people walk in one direction, a late camera shows them all shifted.
         let mut left = findings.unexplained();
         left.retain(|&camera| !self.may_be_late(camera));
-        let most = (left.len() / ONE_IN).max(1);
+        let most = (left.len() / CAMERAS_PER_DISPLACED).max(1);
         let mut found: Vec<(usize, DisagreementCause)> = Vec::new();
         while let Some((camera, cause)) = self.surest(points, &left) {
             if found.len() == most {
@@ -188,7 +188,7 @@ impl Judge<'_> {
         }
     }
 
-    /// Of the cameras that are `left`, the one that is most surely displaced against the others.
+    /// The camera of `left` that is most surely displaced relative to the others.
     fn surest(&self, points: &LensPoints, left: &[usize]) -> Option<(usize, DisagreementCause)> {
         let causes = left.iter().filter_map(|&camera| {
             let found = displaced(points, camera, left)?;
@@ -199,12 +199,11 @@ impl Judge<'_> {
         surest.map(|(_, camera, cause)| (camera, cause))
     }
 
-    /// Whether the sightings of a camera that is changed so meet those of the others no worse than as it is calibrated.
+    /// Whether the sightings of the changed camera fit those of the others no worse than with its calibration. False if it has too
+    /// few sightings in common with them, as in one second: crops of so little time err to one side.
     ///
-    /// Not of a camera that has too few sightings in common with them, as in a second: crops of so little time err to one side.
-    ///
-    /// A crop is cut for somebody, and where a camera sees that person badly it shows another: beside somebody whom few cameras
-    /// see, always the same one. Sightings are of whoever is there.
+    /// A crop is made for one person. If a camera sees that person badly, its crop may always show the same other person. Sightings
+    /// do not have this error.
     fn fits_sightings(&self, camera: usize, changed: &Changed, others: &[usize]) -> bool {
         let lines = changed.lines(&self.lines[camera]);
         let rays = self.rays_through(camera, &lines, PictureChange::AsItIs);

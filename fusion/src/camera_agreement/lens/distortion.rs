@@ -1,35 +1,35 @@
-//! Whether lines of sight would meet better with another lens distortion: of one camera, or of all.
+//! Whether lines of sight meet better with another lens distortion, of one camera or of all.
 //!
 //! ```text
-//!   y' = y (1 + k |y|²)        y: normalised, undistorted by the calibration; k: written k1 less the true one, nearly
+//!   y' = y (1 + k |y|²)        y: normalised, undistorted by the calibration; k: calibrated k1 less the true one, approximately
 //! ```
 //!
-//! People in the middle of a picture hardly show a distortion, and what they show is less than networks err; but networks
-//! err to all sides. So the places of all keypoints are found again for each k, from all cameras together, and the k with
-//! the least mean cost is taken: on real cameras that are right it leaves 0.996 of the cost, or more.
+//! People in the middle of a picture hardly show a distortion, less than the errors of networks. But networks err in all
+//! directions. So for each k the places of all keypoints are found again from all cameras, and the k with the least mean cost is
+//! taken. On valid real cameras it leaves 0.996 of the cost or more.
 
-use super::{LensPoints, least};
+use super::{LensPoints, minimum};
 
-/// The k that are tried first.
-const TRIED: [f64; 6] = [-0.8, -0.4, -0.2, 0.2, 0.4, 0.8];
-/// Least k that is told of, and what it leaves of the cost: of a larger one there may be more left. Of cameras that are right
-/// 0.995 and more was left by any k of 0.05 or larger.
-const TOLD: [(f64, f64); 2] = [(0.1, 0.985), (0.2, 0.99)];
-/// How many times as much as the next camera's it must explain: a wrong lens bends what others seem to show, too.
-const STANDS_OUT: f64 = 1.5;
+/// The values of k from which the search starts.
+const CANDIDATES: [f64; 6] = [-0.8, -0.4, -0.2, 0.2, 0.4, 0.8];
+/// Smallest k that is reported, with the largest share of the cost that it may leave: a larger k may leave more. For valid cameras
+/// any k of 0.05 or larger left 0.995 and more.
+const REPORT_LIMITS: [(f64, f64); 2] = [(0.1, 0.985), (0.2, 0.99)];
+/// How many times as much as the next choice it must explain: a wrong lens also bends the places that other cameras share.
+const MIN_MARGIN: f64 = 1.5;
 
 /// Another distortion.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::camera_agreement) struct DistortionFit {
-    /// The cameras that have it: one, or all that tell and have one (fisheyes have another).
+    /// The cameras that have it: one, or all whose lenses can be judged (without fisheyes, which have another model).
     pub(in crate::camera_agreement) cameras: Vec<usize>,
-    /// By how much k1 of the calibration is larger than it should be.
+    /// Calibrated k1 less the true one.
     pub(in crate::camera_agreement) k1_over: f64,
-    /// What it leaves of the cost.
+    /// Share of the cost that it leaves.
     pub(in crate::camera_agreement) ratio: f64,
 }
 
-/// The distortion with which lines of sight meet best, where that is sure.
+/// The distortion with which lines of sight meet best, if it is sure.
 pub(in crate::camera_agreement) fn distortion(points: &LensPoints) -> Option<DistortionFit> {
     let calibrated = points.lines_of_sight();
     let before = points.mean_cost(&calibrated, |_, _| None);
@@ -43,7 +43,7 @@ pub(in crate::camera_agreement) fn distortion(points: &LensPoints) -> Option<Dis
                 is_changed.then(|| y * (1.0 + k * y.norm_squared()))
             })
         };
-        let (k1_over, least) = least(&TRIED, cost, before);
+        let (k1_over, least) = minimum(&CANDIDATES, cost, before);
         DistortionFit {
             cameras,
             k1_over,
@@ -54,10 +54,10 @@ pub(in crate::camera_agreement) fn distortion(points: &LensPoints) -> Option<Dis
     fits.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
     let best = fits.first()?;
     let gain = |fit: &DistortionFit| 1.0 - fit.ratio;
-    // Of one camera alone among fisheyes nobody can say that it is not the others.
-    let stands_out = fits
+    // With one camera among fisheyes, the others may be the cause.
+    let is_clear = fits
         .get(1)
-        .is_some_and(|next| gain(best) > STANDS_OUT * gain(next));
-    let is_told = |(k, ratio): (f64, f64)| best.k1_over.abs() >= k && best.ratio < ratio;
-    (stands_out && TOLD.into_iter().any(is_told)).then(|| best.clone())
+        .is_some_and(|next| gain(best) > MIN_MARGIN * gain(next));
+    let is_within = |(k, ratio): (f64, f64)| best.k1_over.abs() >= k && best.ratio < ratio;
+    (is_clear && REPORT_LIMITS.into_iter().any(is_within)).then(|| best.clone())
 }

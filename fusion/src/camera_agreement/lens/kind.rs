@@ -1,4 +1,4 @@
-//! Whether lines of sight would meet better if cameras that are calibrated as fisheyes had ordinary lenses with the same
+//! Whether lines of sight meet better if cameras that are calibrated as fisheyes have ordinary lenses with the same
 //! coefficients.
 //!
 //! ```text
@@ -14,11 +14,11 @@ use nalgebra::Vector2;
 use super::LensPoints;
 use super::distortion::distortion;
 
-/// Most of the cost that an ordinary lens may leave. If one or all cameras are calibrated as fisheyes by mistake, 0.78 to 0.95
-/// was left on the sample and the Shelf (0.99 for one camera of the Shelf); on right cameras 1.01 or more.
+/// Largest share of the cost that an ordinary lens may leave. If one or all cameras are calibrated as fisheyes by mistake, 0.78 to
+/// 0.95 was left on the sample and the Shelf (0.99 for one camera of the Shelf); on valid cameras 1.01 or more.
 const MAX_COST_RATIO: f64 = 0.95;
-/// Most that it may leave of what another distortion leaves.
-const BEYOND_DISTORTION: f64 = 0.97;
+/// Largest share that it may leave of the cost with another distortion.
+const MAX_RATIO_TO_DISTORTION: f64 = 0.97;
 /// How many times as much as the next choice of cameras it must explain.
 const MIN_MARGIN: f64 = 1.3;
 
@@ -38,7 +38,7 @@ pub(in crate::camera_agreement) fn called_fisheyes(
     let fits = together.into_iter().chain(alone).map(|cameras| {
         let cost = points.mean_cost(&calibrated, |of, y| {
             let is_changed = cameras.contains(&of);
-            is_changed.then(|| through(y, (models[of], ordinary[of].as_ref()?)))?
+            is_changed.then(|| through(y, models[of], ordinary[of].as_ref()?))?
         });
         (cost / before, cameras)
     });
@@ -49,12 +49,12 @@ pub(in crate::camera_agreement) fn called_fisheyes(
     if *ratio >= MAX_COST_RATIO || 1.0 - ratio <= MIN_MARGIN * next_gain {
         return None;
     }
-    // A lens that another distortion explains better is not of another kind.
+    // If another distortion explains more, the kind of the lens is right.
     let bent = distortion(points).map_or(f64::INFINITY, |bent| bent.ratio);
-    (*ratio < BEYOND_DISTORTION * bent).then(|| cameras.clone())
+    (*ratio < MAX_RATIO_TO_DISTORTION * bent).then(|| cameras.clone())
 }
 
-/// An ordinary camera with the coefficients of a fisheye; `None` of a camera that is none.
+/// An ordinary camera with the coefficients of a fisheye; `None` if the camera is no fisheye.
 fn ordinary(model: &CameraModel) -> Option<CameraModel> {
     let LensModel::KannalaBrandt([k1, k2, p1, p2]) = *model.lens() else {
         return None;
@@ -76,11 +76,8 @@ fn ordinary(model: &CameraModel) -> Option<CameraModel> {
     .ok()
 }
 
-/// Where the `other` lens has what is at a place by the calibrated one, both normalised and undistorted.
-fn through(
-    own: Vector2<f64>,
-    (model, other): (&CameraModel, &CameraModel),
-) -> Option<Vector2<f64>> {
+/// Where the `other` lens shows the pixel that the calibrated `model` shows at `own`, both normalised and undistorted.
+fn through(own: Vector2<f64>, model: &CameraModel, other: &CameraModel) -> Option<Vector2<f64>> {
     let lens = model.intrinsics();
     let px = Pixel::new(
         own.x * lens.fx_px + lens.cx_px,

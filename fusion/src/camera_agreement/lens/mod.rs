@@ -1,7 +1,6 @@
-//! Where keypoints are seen by cameras of three viewpoints or more, and how well the lines of sight meet through other
-//! lenses: `distortion` of one camera or of all, `focal_lengths` of all, lenses of the other `kind`.
+//! Keypoints that cameras of three viewpoints or more show, and how well their lines of sight meet with other lenses: another
+//! `distortion` of one camera or of all, other `focal_lengths` of all, lenses of another `kind`.
 
-mod blur;
 pub(super) mod distortion;
 pub(super) mod focal_lengths;
 pub(super) mod kind;
@@ -9,68 +8,66 @@ pub(super) mod kind;
 use std::collections::BTreeMap;
 
 use farfield_proto::id::ViewpointIndex;
-use farfield_proto::order_statistics::reached_by;
+use farfield_proto::order_statistics::{reached_by, upper_median};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use self::blur::blur_m;
-use super::explain::resection::{LEAST_DEPTH_M, Observed};
+use super::explain::resection::{MIN_DEPTH_M, Observed};
 use super::geometry::SightLines;
 use super::samples::{Burst, PosedTick, Samples, SeenBody, middle_m};
 
-/// Of the ticks of a burst every so many are looked at.
-const EVERY_TICKS: usize = 4;
-/// Keypoints that are looked at, spread over all.
+/// Every fourth tick of a burst is used.
+const TICK_STEP: usize = 4;
+/// Most keypoints, spread over all.
 const MAX_POINTS: usize = 1200;
-/// Of these so many of one camera are held to the others.
+/// Most keypoints of one camera that are compared with the others.
 const MAX_OBSERVED: usize = 500;
-/// Least keypoints that tell.
+/// Fewest keypoints for a result.
 const MIN_POINTS: usize = 150;
-/// Viewpoints that must show a keypoint: two lines of sight meet through many lenses, and those of one viewpoint say the
-/// same.
+/// Fewest viewpoints that must show a keypoint: two lines of sight meet with many lenses, and cameras of one viewpoint add nothing.
 const MIN_VIEWPOINTS: usize = 3;
-/// How far somebody must have moved: of who stays at one place networks err always alike, which looks like another lens (a k
-/// of 0.5 on a treadmill, all of whose cameras are right).
+/// Smallest distance that a person must have moved, metres. If people stay at one place, the errors of a network are constant, which
+/// looks like another lens (a k of 0.5 on a treadmill with valid cameras).
 const MOVED_M: f64 = 1.2;
-/// Share of a person's places on each side that do not count.
-const FARTHEST_SHARE: f64 = 0.05;
-/// Keypoints that tell whose a sighting is, and at which distance one costs a half, metres: a camera that was turned by two
-/// degrees shows people as far beside where they are.
+/// Share of a person's places on each side that count as outliers.
+const OUTLIER_SHARE: f64 = 0.05;
+/// Fewest common keypoints to assign a sighting to a person, and the distance that costs one half, metres: a camera that was turned
+/// by two degrees shows people as far off.
 const MIN_COMMON: usize = 5;
 const NEAR_M: f64 = 0.3;
-/// What the sighting that fits next must cost more.
-const CLEARLY: f64 = 1.5;
+/// The next best sighting must cost so many times as much.
+const MIN_MARGIN: f64 = 1.5;
 /// Rounds of weighting.
 const ROUNDS: usize = 3;
-/// Distances at which a line of sight weighs a quarter, and costs one half, metres.
+/// Distances at which the weight of a line of sight is a quarter, and its cost one half, metres.
 const WEIGHT_M: f64 = 0.04;
 const COST_M: f64 = 0.03;
-/// Squared distance beyond which it makes no difference, square metres.
-const FARTHEST_SQUARED_M: f64 = 1e6;
+/// Largest squared distance that is distinguished, square metres.
+const MAX_SQUARED_M2: f64 = 1e6;
 
 /// A keypoint at a tick: per camera that shows it the normalised, undistorted place.
 type Point = Vec<(usize, Vector2<f64>)>;
 
-/// Rounds in which the changes beside the best are tried, nearer and nearer.
+/// Rounds of the search around the best change, with smaller and smaller steps.
 const REFINEMENTS: usize = 4;
 
-/// Keypoints that tell of lenses.
+/// Keypoints to compare lenses with.
 #[derive(Debug)]
 pub(super) struct LensPoints {
     points: Vec<Point>,
-    /// Which keypoint of the network each of them is.
+    /// The index of each in the network.
     keypoints: Vec<usize>,
     lines: Vec<SightLines>,
     viewpoints: Vec<ViewpointIndex>,
-    /// The cameras that show enough of them, fisheyes left out: these have other lenses.
+    /// The cameras that show enough of them, without fisheyes, which have another lens model.
     known: Vec<usize>,
-    /// How far people go between the pictures of a tick, metres.
+    /// Median distance that people move between the pictures of a tick, metres.
     blur_m: f64,
     has_moved: bool,
 }
 
 impl LensPoints {
-    /// Those of `bursts` and of the detection passes of `samples`; `None` if they are too few.
-    pub(super) fn of(
+    /// The keypoints of `bursts` and of the detection passes of `samples`; `None` if they are too few.
+    pub(super) fn from_samples(
         bursts: &[&Burst],
         samples: &Samples,
         lines: &[SightLines],
@@ -104,7 +101,7 @@ impl LensPoints {
         })
     }
 
-    /// What `camera` shows of them, beside where the cameras of other viewpoints that are `right` say it is.
+    /// The keypoints that `camera` shows, with their places by the `right` cameras of other viewpoints.
     pub(super) fn observed(&self, camera: usize, right: &[usize]) -> Vec<Observed> {
         let lines = &self.lines[camera];
         let (mut rays, mut gaps_m): (Vec<Ray>, Vec<f64>) = (Vec::new(), Vec::new());
@@ -122,7 +119,7 @@ impl LensPoints {
                 gap_m
             });
             let is_met = rays.len() >= 2 && gaps_m.iter().all(|gap_m| gap_m.is_finite());
-            let place_m = in_camera_m.filter(|m| is_met && m.z >= LEAST_DEPTH_M)?;
+            let place_m = in_camera_m.filter(|m| is_met && m.z >= MIN_DEPTH_M)?;
             Some(Observed {
                 place_m,
                 shown: *shown,
@@ -139,22 +136,22 @@ impl LensPoints {
         self.has_moved
     }
 
-    /// How far people go in the median between the pictures that cameras take of a tick, metres: so much less than it is the
-    /// distance must be, beside all else, for a change to be told.
+    /// Median distance that people move between the pictures of a tick, metres. To be reported, a change must improve distances by
+    /// this in addition to other limits.
     pub(super) fn blur_m(&self) -> f64 {
         self.blur_m
     }
 
-    /// The cameras whose lenses they tell of.
+    /// The cameras whose lenses can be judged.
     pub(super) fn known(&self) -> &[usize] {
         &self.known
     }
 
-    /// The lines of sight of every point, as they are calibrated.
+    /// The calibrated lines of sight of every point.
     fn lines_of_sight(&self) -> Vec<Vec<Ray>> {
         let ray = |&(camera, y): &(usize, Vector2<f64>)| self.ray(camera, y);
-        let of = |point: &Point| point.iter().map(ray).collect();
-        self.points.iter().map(of).collect()
+        let rays = |point: &Point| point.iter().map(ray).collect();
+        self.points.iter().map(rays).collect()
     }
 
     fn ray(&self, camera: usize, y: Vector2<f64>) -> Ray {
@@ -162,14 +159,14 @@ impl LensPoints {
         (lines.center_m, lines.world(y).normalize())
     }
 
-    /// How many of them a camera shows.
+    /// Number of points that a camera shows.
     fn count(&self, camera: usize) -> usize {
         let own = |point: &&Point| point.iter().any(|(of, _)| *of == camera);
         self.points.iter().filter(own).count()
     }
 
-    /// What the lines of sight cost, 0 to 1, where a place `y` in the picture of a camera is by another lens at
-    /// `changed(camera, y)`; `None` where it has the one that is calibrated, whose lines of sight these are.
+    /// Mean cost of the lines of sight, 0 to 1, if another lens moves the place `y` of a camera to `changed(camera, y)`; `None` keeps
+    /// the `calibrated` line of sight.
     fn mean_cost(
         &self,
         calibrated: &[Vec<Ray>],
@@ -192,10 +189,9 @@ impl LensPoints {
     }
 }
 
-/// A line of sight: where it begins, world, metres, and its direction, of length 1.
+/// A line of sight: its origin, world, metres, and its unit direction.
 type Ray = (Vector3<f64>, Vector3<f64>);
 
-/// Whether three viewpoints show it.
 fn is_seen_widely(point: &Point, viewpoints: &[ViewpointIndex]) -> bool {
     let mut shown: Vec<_> = point
         .iter()
@@ -206,14 +202,14 @@ fn is_seen_widely(point: &Point, viewpoints: &[ViewpointIndex]) -> bool {
     shown.len() >= MIN_VIEWPOINTS
 }
 
-/// What it costs that a line of sight passes a keypoint so far away, 0 to 1. Parallel lines of sight never meet: they cost one.
+/// Cost of the distance of a line of sight from a keypoint, 0 to 1. Parallel lines of sight never meet, so they cost one.
 fn cost(gap_m: f64) -> f64 {
-    let squared = (gap_m * gap_m).min(FARTHEST_SQUARED_M);
+    let squared = (gap_m * gap_m).min(MAX_SQUARED_M2);
     squared / (squared + COST_M * COST_M)
 }
 
-/// Where `cost` is least, and that, begun with those that are `tried`; at 0 it is `before`.
-fn least(tried: &[f64], cost: impl Fn(f64) -> f64, before: f64) -> (f64, f64) {
+/// The change with the least `cost`, and this cost. The search starts from the `candidates`; the cost of no change is `before`.
+fn minimum(candidates: &[f64], cost: impl Fn(f64) -> f64, before: f64) -> (f64, f64) {
     let mut best = (0.0, before);
     let take = |best: &mut (f64, f64), change: f64| {
         let own = cost(change);
@@ -221,7 +217,7 @@ fn least(tried: &[f64], cost: impl Fn(f64) -> f64, before: f64) -> (f64, f64) {
             *best = (change, own);
         }
     };
-    for &change in tried {
+    for &change in candidates {
         take(&mut best, change);
     }
     let mut step = 0.5 * best.0.abs().max(0.2);
@@ -234,8 +230,8 @@ fn least(tried: &[f64], cost: impl Fn(f64) -> f64, before: f64) -> (f64, f64) {
     best
 }
 
-/// How far who moved most got, metres: the diagonal of the places where the middle of a body was, but for the few that lie
-/// farthest out. Of somebody whom few views show a pose may be a metre off now and then.
+/// Distance that the most moving person covered, metres: the diagonal of the places of the middle of the body, without outliers. If
+/// few views show a person, a pose can be wrong by a metre at times.
 fn farthest_moved_m(samples: &Samples) -> f64 {
     let mut places: BTreeMap<u32, [Vec<f64>; 3]> = BTreeMap::new();
     for (person, body) in samples.poses.iter().flat_map(|posed| &posed.people) {
@@ -245,15 +241,43 @@ fn farthest_moved_m(samples: &Samples) -> f64 {
         }
     }
     let reach_m = |along: &Vec<f64>| {
-        let high = reached_by(along.iter().copied(), FARTHEST_SHARE);
-        let low = reached_by(along.iter().map(|m| -m), FARTHEST_SHARE);
+        let high = reached_by(along.iter().copied(), OUTLIER_SHARE);
+        let low = reached_by(along.iter().map(|m| -m), OUTLIER_SHARE);
         high.zip(low).map_or(0.0, |(high, low)| high + low)
     };
-    let ways = places.values().map(|axes| {
+    let diagonals_m = places.values().map(|axes| {
         let [x, y, z] = axes.each_ref().map(reach_m);
         Vector3::new(x, y, z).norm()
     });
-    ways.fold(0.0, f64::max)
+    diagonals_m.fold(0.0, f64::max)
+}
+
+/// Median distance that people move between the first and the last picture of a tick, metres: free-running cameras take them at
+/// different instants.
+fn blur_m(bursts: &[&Burst], samples: &Samples) -> f64 {
+    let mut late: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+    for trail in bursts.iter().flat_map(|burst| &burst.trails) {
+        let own = (0..trail.len()).filter_map(|tick| Some(trail.at(tick)?.0));
+        late.entry(trail.camera).or_default().extend(own);
+    }
+    let usual = late.into_values().filter_map(upper_median);
+    let (first, last) = usual.fold((f64::INFINITY, f64::NEG_INFINITY), |(first, last), late| {
+        (first.min(late), last.max(late))
+    });
+    (last - first).max(0.0) * moved_per_tick_m(samples)
+}
+
+/// Median distance that people move in a tick, metres.
+fn moved_per_tick_m(samples: &Samples) -> f64 {
+    let pairs = samples.poses.iter().zip(samples.poses.iter().skip(1));
+    let moved_m = pairs.flat_map(|(before, after)| {
+        let ticks = (after.tick - before.tick).max(1) as f64;
+        after.people.iter().filter_map(move |(person, now)| {
+            let (_, then) = before.people.iter().find(|(other, _)| other == person)?;
+            Some(f64::from((middle_m(now) - middle_m(then)).norm()) / ticks)
+        })
+    });
+    upper_median(moved_m.collect()).unwrap_or(0.0)
 }
 
 fn points(bursts: &[&Burst], lines: &[SightLines]) -> Vec<(usize, Point)> {
@@ -263,10 +287,10 @@ fn points(bursts: &[&Burst], lines: &[SightLines]) -> Vec<(usize, Point)> {
         people.sort_unstable();
         people.dedup();
         for person in people {
-            let of = burst.trails.iter().filter(|trail| trail.person == person);
-            let trails: Vec<_> = of.collect();
+            let trails = burst.trails.iter();
+            let trails: Vec<_> = trails.filter(|trail| trail.person == person).collect();
             let ticks = trails.iter().map(|trail| trail.len()).max().unwrap_or(0);
-            for tick in (0..ticks).step_by(EVERY_TICKS) {
+            for tick in (0..ticks).step_by(TICK_STEP) {
                 let mut of_tick: Vec<Point> = Vec::new();
                 for trail in &trails {
                     let Some((_, seen)) = trail.at(tick) else {
@@ -286,7 +310,7 @@ fn points(bursts: &[&Burst], lines: &[SightLines]) -> Vec<(usize, Point)> {
     all
 }
 
-/// Those of detection passes: whose a sighting is is told by where people were.
+/// Keypoints of detection passes. Sightings are assigned to people by their poses.
 fn sighted_points(samples: &Samples, lines: &[SightLines]) -> Vec<(usize, Point)> {
     let mut all: Vec<(usize, Point)> = Vec::new();
     for pass in &samples.passes {
@@ -311,7 +335,7 @@ fn sighted_points(samples: &Samples, lines: &[SightLines]) -> Vec<(usize, Point)
     all
 }
 
-/// The sighting of a person, where one is clearly it.
+/// The sighting of a person, if one fits clearly best.
 fn shown_by<'a>(
     bodies: &'a [SeenBody],
     person: &[[f32; 3]],
@@ -333,12 +357,14 @@ fn shown_by<'a>(
     let mut known: Vec<(f64, &SeenBody)> = bodies.iter().filter_map(cost_of).collect();
     known.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (best, body) = *known.first()?;
-    let is_clear = known.get(1).is_none_or(|(next, _)| *next > CLEARLY * best);
+    let is_clear = known
+        .get(1)
+        .is_none_or(|(next, _)| *next > MIN_MARGIN * best);
     is_clear.then_some(body)
 }
 
-/// How far each line of sight passes the point that is nearest to them all, metres; infinite where they are parallel.
-/// `counted(ray, place_m, gap_m)` is what the distance to that point, world, counts as.
+/// Distance of each line of sight from the point nearest to all, metres; infinite if they are parallel.
+/// `counted(ray, place_m, gap_m)` may replace the distance to that point, world.
 fn gaps_m(rays: &[Ray], counted: impl FnMut(usize, &Vector3<f64>, f64) -> f64) -> Vec<f64> {
     let mut gaps_m = Vec::new();
     find_gaps_m(rays, &mut gaps_m, counted);
@@ -400,10 +426,10 @@ mod tests {
         }
     }
 
-    /// Once the track of a man on a treadmill flew off, live, between the few ticks that edges worked on. So he had "moved" by
-    /// four metres, and right cameras were said to be turned.
+    /// Once, live, the track of a man on a treadmill drifted away between the few ticks on which edges worked. He seemed to have moved
+    /// by four metres, and valid cameras were reported as turned.
     #[test]
-    fn who_coasts_away_or_is_seen_badly_at_times_has_not_moved() {
+    fn coasting_and_outlier_poses_do_not_count_as_moving() {
         let mut samples = Samples::new(15.0, 2);
         for tick in 0..400 {
             let (x_m, state) = match tick % 4 {
