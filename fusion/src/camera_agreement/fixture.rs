@@ -1,4 +1,4 @@
-//! A hall in which two people walk about, seen by four cameras of which some are not what the venue says: for tests.
+//! Test fixture: a hall with two walking people and four cameras, some of which have a mistake.
 
 #![expect(clippy::cast_possible_wrap, reason = "a few hundred ticks")]
 
@@ -16,59 +16,57 @@ use crate::sightings::fixture::{hall, looking_at};
 pub(super) const RATE_HZ: f64 = 60.0;
 pub(super) const TICKS: usize = 120;
 
-/// What is wrong with the pictures of a camera.
+/// A mistake of a camera or its pictures.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Mistake {
     pub(super) late_ticks: i64,
-    /// Ticks more in each burst than in the one before.
+    /// Growth of the lateness from burst to burst, ticks.
     pub(super) later_each_burst: i64,
-    /// The ticks of this burst alone are late.
+    /// Only this burst is late.
     pub(super) late_in_burst: Option<usize>,
-    /// The first and the last burst in which anything is wrong; in all where there are none.
+    /// The first and the last burst with the mistake; `None` is all.
     pub(super) in_bursts: Option<[usize; 2]>,
     pub(super) mirrored: bool,
     pub(super) half_turned: bool,
-    /// Per keypoint the one that is written in its place.
+    /// Per keypoint the one written in its place.
     pub(super) order: Option<[u8; 17]>,
-    /// Its focal length as a factor of the calibrated one; 0 is 1.
+    /// True focal length as a factor of the calibrated one; 0 means 1.
     pub(super) focal_factor: f32,
-    /// By how much k1 of the calibration is larger than it should be.
+    /// Calibrated k1 less the true one.
     pub(super) k1_over: f32,
-    /// By what it was turned about its axes (right, down, ahead) since it was calibrated, degrees.
+    /// Turn since the calibration about its axes (right, down, ahead), degrees.
     pub(super) turned_deg: [f64; 3],
-    /// Where it was moved to since it was calibrated, from where it stood then, world, metres.
+    /// Shift since the calibration, world, metres.
     pub(super) moved_m: [f64; 3],
-    /// Where a keypoint of its picture is written.
+    /// Maps the pixel of a keypoint to the written one.
     pub(super) rewritten: Option<fn([f32; 2]) -> [f32; 2]>,
-    /// What its scores are written as: too low to count.
+    /// Maps scores to the written ones, which are too low to count.
     pub(super) scores_written: Option<fn(f32) -> f32>,
-    /// Which of the two people the camera shows alone.
+    /// The only person that the camera shows, 0 or 1.
     pub(super) sees_only: Option<usize>,
-    /// Whether its crops of the first show the second, and it has none of the second.
+    /// Whether its crops of the first person show the second, and it has no crops of the second.
     pub(super) crops_of_the_other: bool,
-    /// The camera whose pictures it shows.
+    /// The camera whose pictures it shows instead of its own.
     pub(super) of_camera: Option<usize>,
 }
 
-/// The hall, what each camera shows (whose pictures, and what is wrong with them), and by how much all is scaled.
+/// The hall. `shows` gives per camera whose pictures it shows, with which mistake; `scale` multiplies the world.
 pub(super) struct Hall {
     pub(super) shows: [(usize, Mistake); 4],
     pub(super) bursts: usize,
-    /// How long each of them is.
     pub(super) burst_ticks: usize,
     pub(super) scale: f64,
-    /// How high everybody's feet are, metres.
+    /// Height of the feet of all people, metres.
     pub(super) floor_m: f64,
-    /// Whether each camera looks at one half of the field only.
+    /// Whether each camera shows one half of the field only.
     pub(super) narrow: bool,
-    /// Whether the cameras stand side by side, and how far beyond the people the place is at which they all look,
-    /// metres.
+    /// If set, cameras stand side by side and point at a place so far beyond the people, metres.
     pub(super) row: Option<f64>,
-    /// How far beside the first camera the second hangs, which looks the same way then, metres.
-    pub(super) beside_m: Option<f64>,
-    /// Whether nobody moves.
+    /// If set, the second camera hangs at this distance from the first and points in the same direction, metres.
+    pub(super) second_offset_m: Option<f64>,
+    /// Whether people stand still.
     pub(super) still: bool,
-    /// Whether both walk the same way.
+    /// Whether both people walk in the same direction.
     pub(super) one_way: bool,
 }
 
@@ -82,7 +80,7 @@ impl Default for Hall {
             floor_m: 0.0,
             narrow: false,
             row: None,
-            beside_m: None,
+            second_offset_m: None,
             still: false,
             one_way: false,
         }
@@ -112,14 +110,14 @@ impl Hall {
         if let Some(beyond_m) = self.row {
             hall.cameras = cameras_in_a_row(beyond_m);
         }
-        if let Some(beside_m) = self.beside_m {
-            let beside = looking_at(
-                "beside",
-                [-5.0, -4.0 + beside_m, 2.5],
+        if let Some(offset_m) = self.second_offset_m {
+            let second = looking_at(
+                "second",
+                [-5.0, -4.0 + offset_m, 2.5],
                 [0.0, 0.0, 0.9],
                 1000.0,
             );
-            hall.cameras[1].1 = beside;
+            hall.cameras[1].1 = second;
         }
         let mut noise = Noise(5);
         let keypoints = KeypointSet::coco17();
@@ -171,7 +169,7 @@ impl Hall {
             let at = if self.still { 0.0 } else { at };
             let mut body = walking(&shape[person], person, at / RATE_HZ, self.scale);
             if self.one_way {
-                // As fast as a run, within two seconds from one end of the hall to the other.
+                // At 3 m/s, from one end of the hall to the other in two seconds.
                 let along = Vector3::x() * (3.0 * (at.rem_euclid(600.0) / RATE_HZ - 1.0));
                 for point in &mut body {
                     *point += along;
@@ -225,7 +223,7 @@ impl Hall {
         }
     }
 
-    /// A detection pass in which cameras show these.
+    /// A detection pass with these sightings per camera.
     fn pass(&self, burst: usize, tick: usize, shown: Vec<Vec<SeenBody>>) -> PassSample {
         let mut pass = PassSample {
             tick: Tick((burst * 600 + tick) as i64),
@@ -243,7 +241,7 @@ impl Hall {
         pass
     }
 
-    /// How tall people seem: smaller where all focal lengths are.
+    /// Estimated stature, which is smaller if all focal lengths are.
     fn stature_m(&self) -> f64 {
         let factors = self.shows.map(|(_, mistake)| mistake.focal_factor);
         let are_all_alike = factors[0] > 0.0
@@ -258,7 +256,7 @@ impl Hall {
         1.75 * self.scale * focal_factor
     }
 
-    /// Where the two are at a tick.
+    /// The poses of both people at a tick.
     fn poses(&self, shape: &[Vec<Vector3<f64>>; 2], tick: i64) -> PoseSet {
         let at_s = if self.still {
             0.0
@@ -288,14 +286,14 @@ impl Hall {
         }
     }
 
-    /// The causes that are named, each with its cameras.
+    /// The reported causes, each with its cameras.
     pub(super) fn causes(&self) -> Vec<(Vec<String>, DisagreementCause)> {
         let disagreements = self.report().disagreements.into_iter();
         disagreements.map(|d| (d.cameras, d.cause)).collect()
     }
 }
 
-/// Four cameras beside the field, of which two see the half of one person, and two that of the other.
+/// Four cameras at the sides of the field. Two show the half of one person, two that of the other.
 fn narrow_cameras() -> Vec<(ViewpointIndex, CameraModel)> {
     let places = [[-9.0, -2.8], [9.0, -2.2], [-9.0, 2.2], [9.0, 2.8]];
     let camera = |(index, [x, y]): (usize, [f64; 2])| {
@@ -310,7 +308,7 @@ fn narrow_cameras() -> Vec<(ViewpointIndex, CameraModel)> {
 fn cameras_in_a_row(beyond_m: f64) -> Vec<(ViewpointIndex, CameraModel)> {
     let camera = |index: u16| {
         let x = 2.0 * f64::from(index) - 3.0;
-        // The place is straight ahead of the middle of the row.
+        // The common place is straight ahead of the middle of the row.
         let aim_m = [x * beyond_m / (8.0 + beyond_m), 0.0, 0.9];
         let model = looking_at(&format!("row-{index}"), [x, -8.0, 2.5], aim_m, 1000.0);
         (ViewpointIndex(index), model)
@@ -318,7 +316,7 @@ fn cameras_in_a_row(beyond_m: f64) -> Vec<(ViewpointIndex, CameraModel)> {
     (0..4).map(camera).collect()
 }
 
-/// A body that walks to and fro with swinging limbs.
+/// A body that walks back and forth with swinging limbs.
 fn walking(shape: &[Vector3<f64>], person: usize, at_s: f64, scale: f64) -> Vec<Vector3<f64>> {
     let side = if person == 0 { 1.0 } else { -1.0 };
     let place = Vector3::new(side * (1.5 * libm::sin(0.9 * at_s)), side * 1.2, 0.0);
@@ -341,7 +339,7 @@ fn pixel(model: &CameraModel, p: &Vector3<f64>, noise: &mut Noise) -> Option<See
 }
 
 fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
-    let of = |k: usize| {
+    let keypoint = |k: usize| {
         let from = if mistake.mirrored { partners[k] } else { k };
         let from = mistake.order.map_or(from, |order| usize::from(order[from]));
         let mut keypoint = seen[from]?;
@@ -368,17 +366,17 @@ fn changed(seen: &SeenBody, mistake: Mistake, partners: &Partners) -> SeenBody {
         }
         Some(keypoint)
     };
-    (0..seen.len()).map(of).collect()
+    (0..seen.len()).map(keypoint).collect()
 }
 
-/// Where a camera of the hall shows what it showed at `pixel` with another lens.
+/// Where a camera of the hall with another k1 shows what it showed at `pixel`.
 fn bent(pixel: [f32; 2], k1_over: f32) -> [f32; 2] {
     let [x, y] = [pixel[0] - 959.5, pixel[1] - 599.5].map(|px| px / 1000.0);
     let factor = 1.0 - k1_over * (x * x + y * y);
     [959.5 + 1000.0 * x * factor, 599.5 + 1000.0 * y * factor]
 }
 
-/// Where a camera of the hall shows what it showed at `pixel` before it was turned.
+/// Where a turned camera of the hall shows what it showed at `pixel` before.
 fn turned(pixel: [f32; 2], by_deg: [f64; 3]) -> [f32; 2] {
     let [x, y] = pixel.map(f64::from);
     let ray = Vector3::new(x - 959.5, y - 599.5, 1000.0);

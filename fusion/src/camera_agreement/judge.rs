@@ -1,8 +1,8 @@
 //! Which cameras agree, and what would make the others agree, too.
 //!
-//! Two cameras that agree on the people whom both show are right as far as the other knows. The largest set of cameras
-//! that are linked so is taken for right. Every other camera is compared with it: as it is, later, mirrored, turned, with
-//! the calibration of another. [`Judge::search`] lists all searches in their order.
+//! Two cameras that agree on the people in both confirm each other. The largest set of cameras that are linked by agreement
+//! is taken for right. Every other camera is compared with it: as it is, later, mirrored, turned, with the calibration of
+//! another. [`Judge::search`] lists all searches in their order.
 
 mod agreeing;
 pub(super) mod before;
@@ -10,18 +10,14 @@ pub(super) mod changed;
 pub(super) mod exchanged;
 mod findings;
 mod lateness;
-mod numbers;
 mod permuted;
 mod pictures;
 mod pictures_of_all;
-pub(super) mod sides;
-#[cfg(test)]
-mod tests;
 
 use std::collections::BTreeMap;
 
 use farfield_proto::camera::CameraModel;
-use farfield_proto::message::agreement::AgreementVerdict;
+use farfield_proto::message::agreement::{AgreementVerdict, CameraAgreement};
 use farfield_proto::order_statistics::upper_median;
 
 pub(super) use self::agreeing::Group;
@@ -30,7 +26,7 @@ pub(super) use self::findings::Findings;
 use super::geometry::SightLines;
 use super::lens::LensPoints;
 use super::pairs::{CameraRays, PairAgreement, Partners, PictureChange};
-use super::report::AgreementReport;
+use super::report::{AgreementReport, CameraDetails};
 use super::samples::{Burst, MAX_COMPARED, PassSample, Samples};
 use super::time_shift::by_burst::{Drift, Jump, drifts, jump, shifts_by_burst};
 use super::time_shift::curves::ShiftCosts;
@@ -133,7 +129,6 @@ impl<'a> Judge<'a> {
         self.cameras[a].viewpoint != self.cameras[b].viewpoint && apart_m >= APART_M
     }
 
-    /// The cameras that show people.
     fn showing(&self) -> Vec<usize> {
         let shows = |camera: &usize| {
             let mut passes = self.passes.iter();
@@ -159,7 +154,7 @@ impl<'a> Judge<'a> {
         self.rays_through(camera, &self.lines[calibrated], change)
     }
 
-    /// The same through any lines of sight.
+    /// The same with any lines of sight.
     pub(super) fn rays_through(
         &self,
         camera: usize,
@@ -171,7 +166,7 @@ impl<'a> Judge<'a> {
         CameraRays::new(&self.passes, (camera, size_px), lines, change)
     }
 
-    /// What is found, and how each camera agrees.
+    /// The findings, and how each camera agrees.
     pub(super) fn report(&self) -> AgreementReport {
         let findings = self.search();
         let mut report = AgreementReport::default();
@@ -191,6 +186,45 @@ impl<'a> Judge<'a> {
         }
         report.disagreements = findings.all;
         report
+    }
+
+    fn numbers(&self, camera: usize, verdict: AgreementVerdict) -> CameraAgreement {
+        let own = self
+            .pairs
+            .iter()
+            .filter(|((a, b), _)| *a == camera || *b == camera);
+        let keypoints = own.clone().map(|(_, pair)| pair.len() as u64).sum();
+        let medians = own.filter_map(|(&(a, b), pair)| {
+            let side = usize::from(b == camera);
+            let focal_px = [a, b].map(|of| self.focal_px(of));
+            Some((pair.median_m()?, pair.median_px(focal_px)?[side]))
+        });
+        let best = medians.min_by(|a, b| a.0.total_cmp(&b.0));
+        let best =
+            best.filter(|(m, px)| ((1000.0 * m) as f32).is_finite() && (*px as f32).is_finite());
+        CameraAgreement {
+            verdict,
+            keypoints,
+            distance_mm: best.map(|(m, _)| rounded(m * 1000.0) as f32),
+            distance_px: best.map(|(_, px)| rounded(px) as f32),
+            late_ticks: self
+                .late(camera)
+                .or_else(|| self.known_late(camera))
+                .map(|late| late as f32)
+                .filter(|late| late.is_finite()),
+        }
+    }
+
+    fn details(&self, camera: usize) -> CameraDetails {
+        let passes = || self.fits[camera].seen.iter();
+        let sightings: usize = passes().map(|pass| pass.sightings).sum();
+        let used: usize = passes().map(|pass| pass.used).sum();
+        let drift = self.drifts[camera].map(|drift| rounded(drift.ticks_per_minute));
+        CameraDetails {
+            share_used: (used > 0)
+                .then(|| (100.0 * used as f64 / sightings as f64).round() / 100.0),
+            drift_ticks_per_minute: drift,
+        }
     }
 
     /// Keypoints that three viewpoints show, if a person moved far enough for small changes of a camera to be sure.
@@ -217,7 +251,6 @@ impl<'a> Judge<'a> {
         findings
     }
 
-    /// Mean focal length of a camera, pixels.
     fn focal_px(&self, camera: usize) -> f64 {
         self.lines[camera].mean_focal_px()
     }
@@ -249,7 +282,7 @@ fn compared_passes(samples: &Samples) -> Vec<&PassSample> {
     all.iter().rev().step_by(step).map(AsRef::as_ref).collect()
 }
 
-/// To a tenth.
+/// Rounds to a tenth.
 pub(super) fn rounded(value: f64) -> f64 {
     (10.0 * value).round() / 10.0
 }

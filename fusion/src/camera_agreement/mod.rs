@@ -1,20 +1,19 @@
 //! Do the cameras of a venue agree?
 //!
-//! Swapped videos, a calibration of last week, a camera that is three frames late: all of these give skeletons, and
-//! wrong ones. What tells them is how the sightings and the crops of each camera meet those of the others.
+//! Swapped videos, an outdated calibration, a camera that is three frames late: all of these give skeletons, and wrong
+//! ones. They show when the sightings and crops of each camera are compared with those of the others.
 //!
 //! ```text
 //!   Pipeline::step -> AgreementWatch: keeps what cameras showed lately (`samples`), in bounded memory
 //!                      '-> AgreementSamples, now and then, to another thread -> judge -> AgreementReport
-//!   judge: `pairs` of cameras on sightings; `time_shift`, `refit`, `lens` on what crops show tick by tick (`lens` on sightings, too),
-//!          `refit/resection` on both where somebody moved (which camera was moved, turned or zoomed);
-//!          `pose_shift` on sightings and poses, `frozen` on sightings -> a cause in `words`; `sides`, `exchanged`,
-//!          `pictures_of_all` on whom all sight alike, or one camera in a picture of its own;
-//!          `standing` on people, where all that fits
+//!   judge: `pairs` and `frozen` use sightings; `time_shift` uses crops, tick by tick; `pose_shift` uses sightings and poses;
+//!          `lens` and `explain/displaced` use crops and sightings, if a person moved (which camera was moved, turned, zoomed);
+//!          `exchanged` and `pictures_of_all` use people in all cameras; `standing` uses people, if all else fits
+//!          -> a cause, with its sentences from `words`
 //! ```
 //!
-//! Nothing here moves a pose. A report of 28 viewpoints takes some seconds, and is made beside the loop, or at the end of a run.
-//! Who judges again and again hands in what was found before ([`JudgedBefore`]).
+//! Nothing here moves a pose. A report of 28 viewpoints takes some seconds. It is made on another thread, or at the end of a run.
+//! A caller that judges repeatedly passes the earlier results ([`JudgedBefore`]).
 
 mod explain;
 #[cfg(test)]
@@ -53,9 +52,9 @@ pub use self::report::{
 };
 
 use self::geometry::SightLines;
-use self::judge::changed::tell_of_changes;
-use self::judge::exchanged::ExchangeVotes;
-use self::judge::{Judge, sides};
+use self::judge::Judge;
+use self::judge::changed::report_part_of_time;
+use self::judge::exchanged::{ExchangeVotes, are_sides_exchanged};
 use self::pairs::Partners;
 use self::samples::Samples;
 use self::standing::Standing;
@@ -63,12 +62,11 @@ use crate::align::TickGroup;
 use crate::identity::track::Track;
 use crate::sightings::diagnosis::Diagnosed;
 
-/// Time between two instants at which it is kept how tall people are and how high they stand, seconds.
+/// Time between two samples of how tall people are and how high they stand, seconds.
 const STANDING_EVERY_S: f64 = 0.1;
-/// How far keypoints reach in pictures is how far this share of them does.
-const REACHING_SHARE: f64 = 0.01;
+/// Share of the keypoints that lie beyond the reported reach.
+const BEYOND_REACH_SHARE: f64 = 0.01;
 
-/// A camera as it is judged.
 #[derive(Debug)]
 struct JudgedCamera {
     name: String,
@@ -77,7 +75,7 @@ struct JudgedCamera {
     lines: SightLines,
 }
 
-/// What does not change during a run.
+/// Facts that stay the same during a run.
 #[derive(Debug)]
 struct AgreementCameras {
     all: Vec<JudgedCamera>,
@@ -95,7 +93,7 @@ impl AgreementCameras {
     }
 }
 
-/// Keeps what is needed to say whether the cameras agree.
+/// Collects samples of what cameras show, to judge whether they agree.
 #[derive(Debug)]
 pub struct AgreementWatch {
     cameras: Arc<AgreementCameras>,
@@ -103,7 +101,7 @@ pub struct AgreementWatch {
     standing: Standing,
 }
 
-/// What was kept, for whoever judges it.
+/// Samples that can be judged, on any thread.
 #[derive(Debug, Clone)]
 pub struct AgreementSamples {
     cameras: Arc<AgreementCameras>,
@@ -112,7 +110,7 @@ pub struct AgreementSamples {
 }
 
 impl AgreementWatch {
-    /// Nothing kept yet of the cameras of `venue`, whose network knows `keypoints`.
+    /// Starts without samples, for the cameras of `venue` and the `keypoints` of its network.
     pub fn new(venue: &Venue, keypoints: &KeypointSet) -> Self {
         let all: Vec<JudgedCamera> = venue
             .cameras
@@ -143,12 +141,12 @@ impl AgreementWatch {
         }
     }
 
-    /// Keeps what crops show of the people who are followed at `tick`; before their peaks are assigned.
+    /// Keeps what crops show of tracked people at `tick`. Called before peaks are assigned.
     pub(crate) fn note_views(&mut self, tick: Tick, tracks: &[Track]) {
         self.samples.note_views(tick, tracks);
     }
 
-    /// Keeps whom a detection pass found, where people are, and now and then how tall those are who are followed, and how
+    /// Keeps the sightings of a detection pass and the poses. Every 0.1 s it also keeps how tall tracked people are and how
     /// high they stand.
     pub(crate) fn note_found(&mut self, group: &TickGroup, tracks: &[Track], poses: &PoseSet) {
         self.samples.note_poses(poses);
@@ -168,7 +166,7 @@ impl AgreementWatch {
         self.samples.note_pass(group, n_keypoints, is_own);
     }
 
-    /// What is kept so far.
+    /// A copy of the samples so far.
     pub fn samples(&self) -> AgreementSamples {
         AgreementSamples {
             cameras: Arc::clone(&self.cameras),
@@ -179,74 +177,71 @@ impl AgreementWatch {
 }
 
 impl AgreementSamples {
-    /// Judges them: for whoever has time to wait.
+    /// Judges the samples, which can take seconds.
     pub fn report(&self) -> AgreementReport {
         self.report_after(&mut JudgedBefore::default())
     }
 
-    /// The same where others of the venue were judged `before`: what was kept then already is not looked at again.
+    /// The same, with results of earlier samples of the venue in `before`: samples judged then are not judged again.
     pub fn report_after(&self, before: &mut JudgedBefore) -> AgreementReport {
         let judge = Judge::new(&self.cameras, &self.samples, before);
         let mut report = judge.report();
-        if report
-            .disagreements
-            .iter()
-            .any(|told| told.cameras.is_empty())
-        {
-            forget_who_disagrees(&mut report);
+        if report.disagreements.iter().any(|it| it.cameras.is_empty()) {
+            clear_unnamed_verdicts(&mut report);
         }
         let mut votes = ExchangeVotes::default();
         report.sighted = self.sighted(&mut votes, before);
         let of_all = judge
             .picture_of_all()
-            .or_else(|| self.all_keypoints(&votes, &report));
+            .or_else(|| self.exchanged_keypoints(&votes, &report));
         if let Some(cause) = of_all {
-            self.tell_of_all(cause, &mut report);
+            self.report_for_all(cause, &mut report);
         }
-        // If anything else is wrong, people stand wherever that puts them.
+        // Any other mistake moves people, so their statures and heights prove nothing then.
         if report.disagreements.is_empty() {
             let standing = &self.standing;
             let scale = standing.suspect_scale();
             let tilt = scale.or_else(|| standing.suspect_tilt());
             let of_people = tilt.or_else(|| standing.suspect_floor());
-            let of_people = of_people.map(|cause| self.of_all(cause));
+            let of_people = of_people.map(|cause| self.without_cameras(cause));
             report.disagreements.extend(of_people);
         }
-        tell_of_changes(&self.cameras, &self.samples, &mut report);
+        report_part_of_time(&self.cameras, &self.samples, &mut report);
         report
     }
 
-    /// Something that no camera is named for.
-    fn of_all(&self, cause: DisagreementCause) -> Disagreement {
+    fn without_cameras(&self, cause: DisagreementCause) -> Disagreement {
         Disagreement::new(Vec::new(), cause, self.cameras.rate_hz)
     }
 
     /// Which keypoints are exchanged in all cameras.
-    fn all_keypoints(
+    fn exchanged_keypoints(
         &self,
         votes: &ExchangeVotes,
         report: &AgreementReport,
     ) -> Option<DisagreementCause> {
-        let exchange = votes.told().filter(|it| *it != KeypointExchange::AllSides);
+        let exchange = votes
+            .winner()
+            .filter(|it| *it != KeypointExchange::AllSides);
         if let Some(exchange) = exchange {
             return Some(DisagreementCause::ExchangedKeypoints { exchange });
         }
         let partners = self.cameras.partners.iter().enumerate();
-        sides::are_exchanged(&report.sighted.diagnosis).then(|| DisagreementCause::KeypointOrder {
+        are_sides_exchanged(&report.sighted.diagnosis).then(|| DisagreementCause::KeypointOrder {
             moved: partners.filter(|(own, other)| own != *other).count(),
             sides: true,
         })
     }
 
-    /// Says what is wrong with all cameras alike, in the place of all that rests on poses, which no body fits then.
-    fn tell_of_all(&self, cause: DisagreementCause, report: &mut AgreementReport) {
+    /// Reports a cause that all cameras share. It replaces all causes that depend on poses, because poses are wrong then.
+    fn report_for_all(&self, cause: DisagreementCause, report: &mut AgreementReport) {
         let all = &mut report.disagreements;
-        all.retain(|told| told.cause.is_of_pictures());
-        forget_who_disagrees(report);
-        report.disagreements.insert(0, self.of_all(cause));
+        all.retain(|it| it.cause.is_of_pictures());
+        clear_unnamed_verdicts(report);
+        report.disagreements.insert(0, self.without_cameras(cause));
     }
 
-    /// How far right and down keypoints are in the pictures, as shares of these; one in a hundred may be farther.
+    /// How far right and down keypoints are in the pictures, as shares of their size. One in a hundred may be farther.
     fn reach(&self) -> Option<[f64; 2]> {
         let passes = self.samples.passes.iter();
         let by_camera = passes.flat_map(|pass| pass.of_camera.iter().zip(&self.cameras.all));
@@ -261,12 +256,12 @@ impl AgreementSamples {
         let shares: Vec<[f64; 2]> = shares.collect();
         let along = |axis: usize| {
             let shares = shares.iter().map(|share| share[axis]);
-            reached_by(shares, REACHING_SHARE)
+            reached_by(shares, BEYOND_REACH_SHARE)
         };
         Some([along(0)?, along(1)?])
     }
 
-    /// What detection passes found, and what became of it; asks all bodies for `votes`.
+    /// The sightings of detection passes and the bodies reconstructed from them. Adds every body to `votes`.
     fn sighted(&self, votes: &mut ExchangeVotes, before: &mut JudgedBefore) -> SightedReport {
         let AgreementCameras {
             all,
@@ -293,7 +288,7 @@ impl AgreementSamples {
             let known = before.bodies.take(pass);
             let bodies = known.unwrap_or_else(|| diagnosed.bodies(&pass.sightings()));
             votes.begin_pass();
-            diagnosed.count(&bodies, &mut report.diagnosis, |body| votes.ask(body));
+            diagnosed.count(&bodies, &mut report.diagnosis, |body| votes.add(body));
             (Arc::clone(pass), bodies)
         });
         before.bodies = bodies.collect();
@@ -304,18 +299,18 @@ impl AgreementSamples {
     }
 }
 
-/// Knows nothing any more of cameras that disagree, but for those of which something is told.
-fn forget_who_disagrees(report: &mut AgreementReport) {
+/// Clears the results of cameras that disagree and that no disagreement names.
+fn clear_unnamed_verdicts(report: &mut AgreementReport) {
     let all = &report.disagreements;
     for (name, camera) in &mut report.cameras {
-        let is_told = all.iter().any(|told| told.cameras.contains(name));
-        if camera.verdict == AgreementVerdict::Disagrees && !is_told {
+        let is_named = all.iter().any(|it| it.cameras.contains(name));
+        if camera.verdict == AgreementVerdict::Disagrees && !is_named {
             *camera = CameraAgreement::default();
         }
     }
 }
 
-/// Per keypoint the one on the other side of the body; itself where there is none.
+/// Per keypoint its partner on the other side of the body, or itself if it has none.
 fn partners(keypoints: &KeypointSet) -> Partners {
     let other = |name: &String| match name.split_once('_') {
         Some(("left", part)) => Some(format!("right_{part}")),

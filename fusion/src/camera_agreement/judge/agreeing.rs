@@ -14,7 +14,7 @@ const AGREES_M: f64 = 0.042;
 const AGREES_PX: f64 = 1.5;
 /// The same as a factor of the distance of the two cameras that agree best, because networks differ.
 const AGREES_FACTOR: f64 = 2.5;
-/// Cameras never agree if their lines pass farther from each other than this, metres, unless their pixels are as wide.
+/// Cameras never agree if their lines of sight pass farther from each other than this, metres, unless their pixels are as wide.
 const NEVER_AGREES_M: f64 = 0.11;
 
 /// Cameras that show the same people.
@@ -46,7 +46,7 @@ impl Judge<'_> {
         }
     }
 
-    /// The cameras that were compared, in groups that show nobody in common. Explained cameras are left out.
+    /// The cameras that were compared, in groups that have no people in common. Explained cameras are left out.
     pub(super) fn groups(&self, findings: &Findings) -> Vec<Group> {
         let compared = self.pairs.keys().copied();
         let compared =
@@ -67,7 +67,7 @@ impl Judge<'_> {
     }
 
     fn judge_group(&self, group: &Group, findings: &mut Findings) {
-        // What hides a person from some cameras at one moment is no disagreement.
+        // At one moment a person may be hidden from some cameras, which is no disagreement.
         let is_of_a_moment = self.samples.passes_last_s() < MOMENT_S;
         let (mut swapped, mut unexplained) = (Vec::new(), Vec::new());
         for &camera in &group.outside {
@@ -75,7 +75,7 @@ impl Judge<'_> {
                 continue;
             }
             match self.explain(camera, group, self.points.as_ref(), findings) {
-                // Of cameras that stand opposite each other, two swaps may explain the same.
+                // If cameras stand opposite each other, two swaps may explain the same.
                 Some((cameras, DisagreementCause::Swapped)) if group.right.is_empty() => {
                     findings.leave_out(&cameras);
                     swapped.extend(cameras);
@@ -92,14 +92,14 @@ impl Judge<'_> {
         if !swapped.is_empty() {
             findings.add(self, &swapped, DisagreementCause::Swapped);
         }
-        let of_one = unexplained.len().max(1);
-        let size = if group.right.is_empty() { of_one } else { 1 };
+        let n_all = unexplained.len().max(1);
+        let size = if group.right.is_empty() { n_all } else { 1 };
         for cameras in unexplained.chunks(size) {
             findings.add(self, cameras, DisagreementCause::Unexplained);
         }
     }
 
-    /// The largest set of cameras of a group that are linked by agreement; empty if no two agree, or if two sets are as large.
+    /// The largest set of cameras of a group that are linked by agreement; empty if no two agree, or if two sets are equally large.
     pub(super) fn taken_for_right(&self, group: &[usize]) -> Vec<usize> {
         let near = self.agreeing(&self.pairs, |camera| group.contains(&camera));
         let sets = linked(self.cameras.len(), near.into_iter());
@@ -111,7 +111,7 @@ impl Judge<'_> {
         }
     }
 
-    /// Those of `pairs` of cameras in a group whose lines of sight pass about as near to each other as the nearest do.
+    /// The `pairs` of cameras in a group whose lines of sight pass each other about as near as those of the best pair.
     pub(super) fn agreeing(
         &self,
         pairs: &BTreeMap<(usize, usize), PairAgreement>,

@@ -1,16 +1,16 @@
-//! What was found when samples of a venue were judged: those that come later are mostly the same, as they are kept for a minute
-//! and judged every few seconds.
+//! Results of earlier judgements of a venue. Later samples are mostly the same: they are kept for a minute and judged every few
+//! seconds.
 
 use super::super::samples::{Burst, PassSample, ResultCache};
 use super::super::time_shift::curves::BurstCosts;
 use crate::sightings::reconstruction::Reconstruction;
 
-/// What was found when samples of one venue were judged: for who judges those that come after.
+/// Results for samples of one venue that were judged before, for the next judgement.
 #[derive(Debug, Default)]
 pub struct JudgedBefore {
-    /// What cameras cost beside each other in each burst.
+    /// Costs of cameras relative to each other, by burst.
     pub(in crate::camera_agreement) costs: ResultCache<Burst, BurstCosts>,
-    /// The bodies on which lines of sight met in each detection pass.
+    /// The bodies on which lines of sight met, by detection pass.
     pub(in crate::camera_agreement) bodies: ResultCache<PassSample, Vec<Reconstruction>>,
 }
 
@@ -23,7 +23,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_judges_again_finds_what_is_found_for_the_first_time() {
+    fn reused_results_give_the_same_report() {
         let late = Mistake {
             late_ticks: 7,
             late_in_burst: Some(2),
@@ -36,9 +36,9 @@ mod tests {
         first.samples.bursts.truncate(2);
         first.samples.passes.truncate(8);
         let mut before = JudgedBefore::default();
-        let told = |report: &AgreementReport| report.disagreements.len();
-        assert_eq!(told(&first.report_after(&mut before)), 0);
-        // Those of the first time are known, and no others.
+        let count = |report: &AgreementReport| report.disagreements.len();
+        assert_eq!(count(&first.report_after(&mut before)), 0);
+        // Only results of the first judgement are known.
         let known = |before: &mut JudgedBefore| {
             let taken = all.samples.passes.iter().map(|pass| {
                 let bodies = before.bodies.take(pass);
@@ -55,12 +55,12 @@ mod tests {
         let is_known: Vec<bool> = known(&mut before);
         assert_eq!(is_known, [vec![true; 8], vec![false; 4]].concat());
         let fresh = all.report();
-        assert!(told(&fresh) > 0);
+        assert!(count(&fresh) > 0);
         for _ in 0..2 {
             assert_eq!(all.report_after(&mut before), fresh);
         }
-        // Those that are no longer kept are forgotten.
-        assert_eq!(told(&first.report_after(&mut before)), 0);
+        // Results of samples that are no longer kept are dropped.
+        assert_eq!(count(&first.report_after(&mut before)), 0);
         let is_known: Vec<bool> = known(&mut before);
         assert_eq!(is_known, [vec![true; 8], vec![false; 4]].concat());
     }

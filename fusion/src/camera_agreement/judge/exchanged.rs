@@ -1,13 +1,14 @@
-//! Whether keypoints are written in each other's place in all cameras alike: the legs' left for their right, elbows for wrists,
-//! the list of another program for that of the network's card. Lines of sight meet as well as before, so only the bodies tell.
+//! Whether keypoints are written in each other's place in all cameras: left and right of the legs, elbows and wrists, or the
+//! list of another program. Lines of sight meet as well as before, so only the bodies show it.
 //!
 //! ```text
 //!   e(o) = mean over bones of |log(l / r) - median| + W (sum over pairs of max(0, -cos) + max(0, -n))
 //! ```
 //!
-//! o is an order in which keypoints may be, l a bone's length with it, r what it is of a stature; the median is over the bones, so
-//! that a size says nothing. A pair are two lines from left to right that point the same way in people (hips and shoulders), n is how
-//! far ahead of the shoulders the nose is. Of every body on which lines of sight met it is asked which order costs least.
+//! o is an order of keypoints, l a bone's length with it, and r this length in statures. The median is over the bones, so that size
+//! does not count. A pair is two lines from left to right that point the same way in people, such as hips and shoulders; cos is the
+//! cosine between them. n is how far the nose is ahead of the shoulders. Each body on which lines of sight met votes for or against
+//! each order, relative to the order of the names.
 
 use std::array::from_fn;
 
@@ -18,22 +19,28 @@ use super::super::report::KeypointExchange;
 use crate::body::observed::ObservedJoints;
 use crate::body::segment::nose_ahead;
 use crate::body::skeleton::Joint;
+use crate::sightings::diagnosis::SightingDiagnosis;
 
-/// Least bodies that tell, and in how many detection passes.
+/// Fewest bodies, and detection passes with bodies, for a decision.
 const MIN_BODIES: usize = 10;
 const MIN_PASSES: usize = 5;
-/// Which share must fit an order better than that of the names, and by how much: of those that fit one of the two better, and of
-/// all. Of a bent arm the wrist is as far from the shoulder as the elbow.
-const MOST: f64 = 0.85;
-const MANY: f64 = 0.4;
-const BETTER: f64 = 0.05;
-/// What the order may leave of the cost of all bodies, and cost at the most.
-const LEAVES: f64 = 0.8;
-const FITS: f64 = 0.3;
-/// Most that a bone may cost, and what it costs that a pair points the other way.
-const MOST_OFF: f64 = 0.7;
-const TURNED: f64 = 0.25;
-/// Bones that an order must show to be compared.
+/// Smallest share of bodies that must fit an order better than that of the names: among bodies that fit one of the two clearly
+/// better, and among all. With a bent arm the wrist is as far from the shoulder as the elbow, so many bodies are undecided.
+const MIN_SHARE_OF_DECIDED: f64 = 0.85;
+const MIN_SHARE_OF_ALL: f64 = 0.4;
+/// Difference of costs from which a body fits one order clearly better.
+const MIN_COST_GAIN: f64 = 0.05;
+/// Largest share of the cost of all bodies that the order may leave, and largest mean cost of a body with it.
+const MAX_COST_RATIO: f64 = 0.8;
+const MAX_MEAN_COST: f64 = 0.3;
+/// Largest cost of a bone.
+const MAX_BONE_COST: f64 = 0.7;
+/// W: the cost of a pair that points the other way.
+const PAIR_COST: f64 = 0.25;
+/// Smallest share of bodies with the nose behind the shoulders if left and right are exchanged. In valid recordings (the sample, the
+/// Shelf, the treadmill) it was ahead in 98 to 100 %.
+const MIN_BEHIND_SHARE: f64 = 0.85;
+/// Bones that a body must show with an order to be compared.
 const MIN_BONES: usize = 5;
 
 use KeypointExchange as Exchange;
@@ -62,7 +69,7 @@ impl KeypointExchange {
         Self::Human36m,
     ];
 
-    /// Whether keypoints of one side alone are moved: one bone is wrong then where it is two of both sides.
+    /// Whether keypoints of one side only are exchanged, so that half as many bones are wrong.
     fn is_of_one_side(self) -> bool {
         matches!(
             self,
@@ -73,31 +80,29 @@ impl KeypointExchange {
         )
     }
 
-    /// By how much an order must cost less than another for a body to have it.
-    fn better(self) -> f64 {
+    fn min_cost_gain(self) -> f64 {
         if self.is_of_one_side() {
-            0.5 * BETTER
+            0.5 * MIN_COST_GAIN
         } else {
-            BETTER
+            MIN_COST_GAIN
         }
     }
 
-    /// What the order may leave of the cost of all bodies.
-    fn leaves(self) -> f64 {
+    fn max_cost_ratio(self) -> f64 {
         if self.is_of_one_side() {
-            1.0 - 0.5 * (1.0 - LEAVES)
+            1.0 - 0.5 * (1.0 - MAX_COST_RATIO)
         } else {
-            LEAVES
+            MAX_COST_RATIO
         }
     }
 
-    /// What is found, for people.
+    /// The finding as a sentence, for people.
     pub(in crate::camera_agreement) fn words(self) -> String {
         let exchanged =
-            |what: &str| format!("{what} are exchanged in everybody, as all cameras show them");
+            |what: &str| format!("{what} are exchanged in the keypoints of all cameras");
         let listed = |list: &str| {
             format!(
-                "the keypoints of all cameras are in the order of {list}, and taken for that of the network's card"
+                "the keypoints of all cameras are in the order of {list}, not in that of the network's card"
             )
         };
         match self {
@@ -124,7 +129,7 @@ impl KeypointExchange {
         }
     }
 
-    /// Per keypoint the place in which it is; `None` where it is in none.
+    /// Per keypoint the place where it is written; `None` if it is missing.
     fn places(self) -> Places {
         let sides = |parts: &[usize]| exchange(parts.iter().map(|&left| (left, left + 1)));
         let parts = |a: usize, b: usize| exchange([(a, b), (a + 1, b + 1)].into_iter());
@@ -187,7 +192,7 @@ const HIPS: usize = 11;
 const KNEES: usize = 13;
 const ANKLES: usize = 15;
 
-/// Both ends, and the length in statures (as of [`crate::body::segment`]).
+/// Both ends, and the length in statures (from [`crate::body::segment`]).
 const BONES: [(usize, usize, f64); 10] = [
     (SHOULDERS, ELBOWS, 0.172),
     (SHOULDERS + 1, ELBOWS + 1, 0.172),
@@ -200,7 +205,7 @@ const BONES: [(usize, usize, f64); 10] = [
     (SHOULDERS, SHOULDERS + 1, 0.22),
     (HIPS, HIPS + 1, 0.10),
 ];
-/// From the middle of the hips to that of the shoulders.
+/// From the middle of the hips to the middle of the shoulders, statures.
 const TRUNK: f64 = 0.27;
 /// Lines from left to right that point the same way.
 const PAIRS: [(usize, usize); 7] = [
@@ -224,7 +229,7 @@ fn exchange(pairs: impl Iterator<Item = (usize, usize)>) -> Places {
     places
 }
 
-/// How bodies fit the orders in which their keypoints may be.
+/// How well bodies fit the possible orders of their keypoints.
 #[derive(Debug, Clone)]
 pub(in crate::camera_agreement) struct ExchangeVotes {
     /// Per order of [`Exchange::ALL`].
@@ -233,7 +238,7 @@ pub(in crate::camera_agreement) struct ExchangeVotes {
     is_pass_new: bool,
 }
 
-/// Of those bodies that show both an order and that of the names.
+/// Sums over the bodies that can be compared with an order and with that of the names.
 #[derive(Debug, Clone, Copy, Default)]
 struct Votes {
     bodies: usize,
@@ -255,13 +260,13 @@ impl Default for ExchangeVotes {
 }
 
 impl ExchangeVotes {
-    /// The bodies that come are of another detection pass.
+    /// Starts another detection pass.
     pub(in crate::camera_agreement) fn begin_pass(&mut self) {
         self.is_pass_new = true;
     }
 
-    /// Asks a body.
-    pub(in crate::camera_agreement) fn ask(&mut self, body: &ObservedJoints) {
+    /// Adds the votes of a body.
+    pub(in crate::camera_agreement) fn add(&mut self, body: &ObservedJoints) {
         let shown: Points = JOINTS.map(|joint| body.position_m(joint));
         let Some(cost_of_names) = cost(&shown) else {
             return;
@@ -271,7 +276,7 @@ impl ExchangeVotes {
         }
         for (exchange, places, votes) in &mut self.orders {
             if let Some(cost) = cost(&places.map(|place| shown[place?])) {
-                let by = exchange.better();
+                let by = exchange.min_cost_gain();
                 votes.bodies += 1;
                 votes.better += usize::from(cost + by < cost_of_names);
                 votes.worse += usize::from(cost_of_names + by < cost);
@@ -281,29 +286,39 @@ impl ExchangeVotes {
         }
     }
 
-    /// The order that clearly most bodies have, where it is not that of the names.
-    pub(in crate::camera_agreement) fn told(&self) -> Option<Exchange> {
+    /// The order that clearly most bodies have; `None` if it is that of the names.
+    pub(in crate::camera_agreement) fn winner(&self) -> Option<Exchange> {
         let known = self.orders.iter();
         let known = known.map(|(exchange, _, votes)| (*exchange, votes));
         let known = known.filter(|(_, votes)| votes.bodies >= MIN_BODIES);
-        // What an order does not show costs nothing: so it is weighed by what it leaves of that of the names.
-        let (exchange, votes) = known.min_by(|a, b| a.1.left().total_cmp(&b.1.left()))?;
-        let is_told = self.passes >= MIN_PASSES
-            && votes.better as f64 >= MOST * (votes.better + votes.worse) as f64
-            && votes.better as f64 >= MANY * votes.bodies as f64
-            && votes.left() < exchange.leaves()
-            && votes.cost / (votes.bodies as f64) < FITS;
-        is_told.then_some(exchange)
+        // Keypoints that an order lacks cost nothing, so orders are compared by ratios of cost.
+        let (exchange, votes) =
+            known.min_by(|a, b| a.1.cost_ratio().total_cmp(&b.1.cost_ratio()))?;
+        let is_sure = self.passes >= MIN_PASSES
+            && votes.better as f64 >= MIN_SHARE_OF_DECIDED * (votes.better + votes.worse) as f64
+            && votes.better as f64 >= MIN_SHARE_OF_ALL * votes.bodies as f64
+            && votes.cost_ratio() < exchange.max_cost_ratio()
+            && votes.cost / (votes.bodies as f64) < MAX_MEAN_COST;
+        is_sure.then_some(exchange)
     }
 }
 
 impl Votes {
-    fn left(&self) -> f64 {
+    fn cost_ratio(&self) -> f64 {
         self.cost / self.cost_of_names.max(f64::MIN_POSITIVE)
     }
 }
 
-/// What it costs to take these points for a body; `None` where too little of it is known.
+/// Whether left and right are exchanged in the keypoints of all cameras: with the left shoulder taken for the right one, noses
+/// are behind shoulders.
+pub(in crate::camera_agreement) fn are_sides_exchanged(sighted: &SightingDiagnosis) -> bool {
+    let all = sighted.noses_ahead + sighted.noses_behind;
+    all >= MIN_BODIES as u64
+        && sighted.nose_passes >= MIN_PASSES as u64
+        && sighted.noses_behind as f64 >= MIN_BEHIND_SHARE * all as f64
+}
+
+/// e(o) of a body with its keypoints in one order; `None` if it shows too few bones.
 fn cost(at_m: &Points) -> Option<f64> {
     let middle = |left: usize| Some(0.5 * (at_m[left]? + at_m[left + 1]?));
     let bones = BONES.iter().filter_map(|&(near, far, ratio)| {
@@ -320,7 +335,7 @@ fn cost(at_m: &Points) -> Option<f64> {
         return None;
     }
     let usual = upper_median(off.clone())?;
-    let bones = off.iter().map(|it| (it - usual).abs().min(MOST_OFF));
+    let bones = off.iter().map(|it| (it - usual).abs().min(MAX_BONE_COST));
     let bones = bones.sum::<f64>() / off.len() as f64;
     let across = |left: usize| (at_m[left + 1]? - at_m[left]?).try_normalize(1e-6);
     let pairs = PAIRS.iter().filter_map(|&(a, b)| {
@@ -332,18 +347,18 @@ fn cost(at_m: &Points) -> Option<f64> {
         nose_ahead(at_m[NOSE]?, both(SHOULDERS)?, both(HIPS)?)
     };
     let behind = ahead().map_or(0.0, |ahead| (-ahead).max(0.0));
-    Some(bones + TURNED * (pairs.sum::<f64>() + behind))
+    Some(bones + PAIR_COST * (pairs.sum::<f64>() + behind))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::fixture::Hall;
+    use super::super::super::fixture::{Hall, Mistake, names};
     use super::super::super::report::DisagreementCause;
     use super::*;
     use crate::body::fixture::{Noise, standing};
 
-    /// What is said of people in a hall all of whose cameras write `from[k]` in the place of the keypoint k.
-    fn told_of(from: [usize; N]) -> Vec<(Vec<String>, DisagreementCause)> {
+    /// The causes reported if all cameras of the hall write `from[k]` in the place of keypoint k.
+    fn causes(from: [usize; N]) -> Vec<(Vec<String>, DisagreementCause)> {
         let mut hall = Hall {
             bursts: 3,
             ..Hall::default()
@@ -363,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_are_exchanged_in_all_cameras_are_named() {
+    fn exchanged_parts_are_found_in_all_cameras() {
         let cases: [(&[(usize, usize)], Exchange); 11] = [
             (&[(11, 12), (13, 14), (15, 16)], Exchange::SidesOfLegs),
             (&[(5, 6), (7, 8), (9, 10)], Exchange::SidesOfArms),
@@ -379,12 +394,12 @@ mod tests {
         ];
         for (pairs, exchange) in cases {
             let cause = DisagreementCause::ExchangedKeypoints { exchange };
-            assert_eq!(told_of(exchanged(pairs)), [(Vec::new(), cause)]);
+            assert_eq!(causes(exchanged(pairs)), [(Vec::new(), cause)]);
         }
     }
 
     #[test]
-    fn every_order_is_found_among_bodies_that_have_it_and_none_among_those_that_are_right() {
+    fn every_order_is_found_in_its_bodies_and_none_in_valid_ones() {
         let mut noise = Noise(11);
         let bodies: Vec<Points> = (0..40)
             .map(|_| {
@@ -392,7 +407,7 @@ mod tests {
                 from_fn(|k| Some(body[k] + noise.vector(0.02)))
             })
             .collect();
-        let told = |written: &dyn Fn(&Points) -> Points| {
+        let winner = |written: &dyn Fn(&Points) -> Points| {
             let mut votes = ExchangeVotes::default();
             for body in &bodies {
                 votes.begin_pass();
@@ -402,11 +417,11 @@ mod tests {
                         named.set(*joint, point, 1.0);
                     }
                 }
-                votes.ask(&named);
+                votes.add(&named);
             }
-            votes.told()
+            votes.winner()
         };
-        assert_eq!(told(&|body| *body), None);
+        assert_eq!(winner(&|body| *body), None);
         for exchange in Exchange::ALL {
             let places = exchange.places();
             let written = |body: &Points| {
@@ -418,12 +433,12 @@ mod tests {
                 }
                 written
             };
-            assert_eq!(told(&written), Some(exchange));
+            assert_eq!(winner(&written), Some(exchange));
         }
     }
 
     #[test]
-    fn a_few_bodies_tell_nothing() {
+    fn few_bodies_decide_nothing() {
         let mut votes = ExchangeVotes::default();
         let body = standing(0.0, 0.0, 1.7, &mut Noise(2));
         let places = Exchange::SidesOfLegs.places();
@@ -433,10 +448,42 @@ mod tests {
         }
         for _ in 0..MIN_BODIES - 1 {
             votes.begin_pass();
-            votes.ask(&named);
+            votes.add(&named);
         }
-        assert_eq!(votes.told(), None);
-        votes.ask(&named);
-        assert_eq!(votes.told(), Some(Exchange::SidesOfLegs));
+        assert_eq!(votes.winner(), None);
+        votes.add(&named);
+        assert_eq!(votes.winner(), Some(Exchange::SidesOfLegs));
+    }
+
+    fn causes_with_exchanged_sides(cameras: &[usize]) -> Vec<(Vec<String>, DisagreementCause)> {
+        let order = Exchange::AllSides.places().map(|k| k.unwrap() as u8);
+        let mut hall = Hall::default();
+        for &camera in cameras {
+            hall.shows[camera].1 = Mistake {
+                order: Some(order),
+                ..Mistake::default()
+            };
+        }
+        hall.causes()
+    }
+
+    #[test]
+    fn exchanged_sides_in_all_cameras_are_found_by_noses() {
+        let of_sides = DisagreementCause::KeypointOrder {
+            moved: 16,
+            sides: true,
+        };
+        assert_eq!(
+            causes_with_exchanged_sides(&[0, 1, 2, 3]),
+            [(Vec::new(), of_sides)]
+        );
+    }
+
+    #[test]
+    fn exchanged_sides_in_one_camera_name_that_camera() {
+        assert_eq!(causes_with_exchanged_sides(&[]), []);
+        let causes = causes_with_exchanged_sides(&[2]);
+        assert_eq!(causes.len(), 1, "{causes:?}");
+        assert_eq!(causes[0].0, names(&[2]));
     }
 }

@@ -1,59 +1,59 @@
-//! Whether a camera is late, and by how much: by what crops show tick by tick, else by sightings and where people were.
+//! Whether a camera is late, and by how much: by crops, tick by tick, else by sightings and poses.
 
 use super::{Findings, Judge, rounded};
 use crate::camera_agreement::report::DisagreementCause;
 use crate::camera_agreement::samples::LEAST_BURSTS_S;
 use crate::camera_agreement::time_shift::LATE_TICKS;
 
-/// The same by sightings alone, which say nothing of when within a tick they were taken; and seconds, as poses are kept now
-/// and then.
-const POSE_LATE_TICKS: f64 = 1.2;
-const POSE_LATE_S: f64 = 0.05;
-/// Most of the cost that a shift of few ticks may leave.
-const LATE_EXPLAINS: f64 = 0.96;
-/// Shifts from so many ticks on are looked for among so many that one of them explains something by chance.
-const FAR_TICKS: f64 = 8.0;
-/// What they must leave.
-const FAR_EXPLAINS: f64 = 0.7;
+/// Smallest lateness that is reported from sightings, ticks and seconds: they have no time within a tick, and only some poses are
+/// stored.
+const MIN_POSE_LATE_TICKS: f64 = 1.2;
+const MIN_POSE_LATE_S: f64 = 0.05;
+/// Largest share of the cost that a shift of few ticks may leave.
+const MAX_COST_RATIO: f64 = 0.96;
+/// From this shift on, ticks, there are so many candidates that one of them explains something by chance.
+const MIN_FAR_TICKS: f64 = 8.0;
+/// Largest share of the cost that such a shift may leave.
+const MAX_FAR_COST_RATIO: f64 = 0.7;
 
 impl Judge<'_> {
-    /// By how many ticks `camera` is late, when that is sure and worth a word.
+    /// By how many ticks `camera` is late, if that is sure and large enough to report.
     pub(super) fn late(&self, camera: usize) -> Option<f64> {
         self.lateness(camera).map(|(ticks, _)| ticks)
     }
 
-    /// The same with what it leaves of the cost: by what crops show, else by sightings and poses.
+    /// The same with the share of the cost that it leaves: by crops, else by sightings and poses.
     pub(in crate::camera_agreement) fn lateness(&self, camera: usize) -> Option<(f64, f64)> {
         let of_crops = || {
             let shift = self.shifts[camera]?;
             let ratio = shift.cost_after / shift.cost_before;
-            let is_sure = explains(shift.late_ticks, ratio);
-            let is_told = shift.late_ticks.abs() >= LATE_TICKS && is_sure;
-            let ticks = self.known_late(camera).filter(|_| is_told)?;
+            let is_sure = is_sure_shift(shift.late_ticks, ratio);
+            let is_reported = shift.late_ticks.abs() >= LATE_TICKS && is_sure;
+            let ticks = self.known_late(camera).filter(|_| is_reported)?;
             Some((ticks, ratio))
         };
         let of_poses = || {
             let shift = self.pose_shifts[camera]?;
             let ticks = rounded(shift.late_ticks);
-            let least = POSE_LATE_TICKS.max(POSE_LATE_S * self.rate_hz);
-            // Of few ticks crops know better, where they know.
-            let is_known = ticks.abs() < FAR_TICKS && self.known_late(camera).is_some();
-            let is_sure = shift.is_steady && explains(ticks, shift.ratio);
-            let is_told = ticks.abs() >= least && !is_known && is_sure;
-            is_told.then_some((ticks, shift.ratio))
+            let least = MIN_POSE_LATE_TICKS.max(MIN_POSE_LATE_S * self.rate_hz);
+            // For few ticks, crops are better than sightings if they are known.
+            let is_known = ticks.abs() < MIN_FAR_TICKS && self.known_late(camera).is_some();
+            let is_sure = shift.is_steady && is_sure_shift(ticks, shift.ratio);
+            let is_reported = ticks.abs() >= least && !is_known && is_sure;
+            is_reported.then_some((ticks, shift.ratio))
         };
         of_crops()
             .or_else(|| self.late_with_others(camera))
             .or_else(of_poses)
     }
 
-    /// For how many seconds crops of `camera` show somebody.
+    /// For how many seconds crops of `camera` show a person.
     fn shown_s(&self, camera: usize) -> f64 {
         let ticks = self.bursts.iter().map(|burst| burst.n_shown(camera));
         ticks.sum::<usize>() as f64 / self.rate_hz
     }
 
-    /// The same of one of several that are late by one time, by what all of them show.
+    /// Lateness and share of the cost of a camera in a group that is late by the same time.
     fn late_with_others(&self, camera: usize) -> Option<(f64, f64)> {
         let group = self.late_group.as_ref()?;
         let ticks = rounded(group.late_ticks);
@@ -97,19 +97,19 @@ impl Judge<'_> {
         }
     }
 
-    /// Whether `camera` is late, and that explains most of what it is off.
+    /// Whether lateness explains most of the cost of `camera`.
     pub(in crate::camera_agreement) fn is_clearly_late(&self, camera: usize) -> bool {
         self.lateness(camera)
-            .is_some_and(|(_, ratio)| ratio < FAR_EXPLAINS)
+            .is_some_and(|(_, ratio)| ratio < MAX_FAR_COST_RATIO)
     }
 
-    /// Whether `camera` may be late, so that it says nothing of where anybody is.
+    /// Whether `camera` may be late, so that it does not show where people are.
     pub(in crate::camera_agreement) fn may_be_late(&self, camera: usize) -> bool {
         self.is_clearly_late(camera) || self.drifts[camera].is_some()
     }
 
-    /// By how many ticks `camera` is late, to a hundredth; `None` where nothing moved enough to tell, or the halves of the
-    /// keypoints tell otherwise.
+    /// By how many ticks `camera` is late, to a hundredth; `None` if people moved too little, or if two halves of the keypoints
+    /// differ.
     pub(super) fn known_late(&self, camera: usize) -> Option<f64> {
         let shift = self.shifts[camera].filter(|shift| shift.is_sharp)?;
         if self.shown_s(camera) < LEAST_BURSTS_S {
@@ -119,10 +119,15 @@ impl Judge<'_> {
     }
 }
 
-/// Whether a shift in time that leaves `ratio` of the cost is no chance.
-fn explains(ticks: f64, ratio: f64) -> bool {
-    let is_far = ticks.abs() >= FAR_TICKS;
-    ratio < if is_far { FAR_EXPLAINS } else { LATE_EXPLAINS }
+/// Whether a shift in time leaves so small a `ratio` of the cost that it is not by chance.
+fn is_sure_shift(ticks: f64, ratio: f64) -> bool {
+    let is_far = ticks.abs() >= MIN_FAR_TICKS;
+    ratio
+        < if is_far {
+            MAX_FAR_COST_RATIO
+        } else {
+            MAX_COST_RATIO
+        }
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
-//! Whether three cameras or more have the sources of each other, all round: each fits the calibration of the next.
+//! Whether three cameras or more have each other's sources, in a cycle: each fits the calibration of the next.
 //!
-//! Where none of them has its own calibration no camera is right that the others could be held to. So all orders of their
-//! calibrations are tried, and the one with which lines of sight meet best is taken, if it is clearly the best. Of cameras
-//! that stand symmetrically, and were exchanged as the symmetry says, nothing is wrong that could be seen: the world is turned.
+//! If none of them has its own calibration, there is no valid camera to compare the others with. So all orders of their
+//! calibrations are tried, and the one with which lines of sight meet best is taken, if it is clearly the best. Cameras that
+//! stand symmetrically and are exchanged along the symmetry cannot be detected: the world is only turned.
 
 use std::collections::BTreeMap;
 
@@ -10,30 +10,30 @@ use super::super::pairs::{CameraRays, PairAgreement, PictureChange};
 use super::super::report::DisagreementCause;
 use super::{Findings, Judge, MIN_KEYPOINTS};
 
-/// Cameras that are tried: of so many there are 120 orders.
-const MOST: usize = 5;
-const LEAST: usize = 3;
-const BY_CHANCE: usize = 2;
-/// What the best order leaves of the cost, and what it leaves of that of the next best.
-const EXPLAINS: f64 = 0.5;
-const STANDS_OUT: f64 = 0.8;
+/// Most and fewest cameras in the search: five cameras have 120 orders.
+const MAX_CAMERAS: usize = 5;
+const MIN_CAMERAS: usize = 3;
+/// So many cameras may agree by chance.
+const MAX_BY_CHANCE: usize = 2;
+/// Largest share that the best order may leave of the cost, and of the cost of the next best order.
+const MAX_COST_RATIO: f64 = 0.5;
+const MAX_COST_RATIO_TO_NEXT: f64 = 0.8;
 
-/// A camera, and whose calibration it is given.
+/// A camera, and the camera whose calibration it is given.
 type Given = (usize, usize);
 
 impl Judge<'_> {
-    /// Cameras that have the sources of each other.
+    /// Cameras that have each other's sources.
     pub(super) fn find_permuted(&self, findings: &mut Findings) {
         for mut group in self.groups(findings) {
-            if group.outside.len() < LEAST {
+            if group.outside.len() < MIN_CAMERAS {
                 continue;
             }
-            // Two may agree by chance.
-            if group.right.len() <= BY_CHANCE && group.all.len() <= MOST {
+            if group.right.len() <= MAX_BY_CHANCE && group.all.len() <= MAX_CAMERAS {
                 group.right.clear();
                 group.outside.clone_from(&group.all);
             }
-            if group.outside.len() > MOST {
+            if group.outside.len() > MAX_CAMERAS {
                 continue;
             }
             for cycle in self.cycles(&group.outside, &group.right) {
@@ -47,9 +47,9 @@ impl Judge<'_> {
         }
     }
 
-    /// The cameras by whose calibrations each other's pictures fit, all round; none where no order is clearly the best.
+    /// Cycles of cameras whose pictures fit the calibration of the next; none if no order is clearly the best.
     fn cycles(&self, outside: &[usize], right: &[usize]) -> Vec<Vec<usize>> {
-        let table = CostTable::of(self, outside, right);
+        let table = CostTable::new(self, outside, right);
         let own = table.cost(outside);
         let mut costs: Vec<(f64, Vec<usize>)> = Vec::new();
         permute(&mut outside.to_vec(), 0, &mut |order: &[usize]| {
@@ -64,7 +64,10 @@ impl Judge<'_> {
             return Vec::new();
         };
         let moved = outside.iter().zip(order).filter(|(a, b)| a != b).count();
-        if moved < LEAST || *best >= EXPLAINS * own || *best >= STANDS_OUT * next {
+        if moved < MIN_CAMERAS
+            || *best >= MAX_COST_RATIO * own
+            || *best >= MAX_COST_RATIO_TO_NEXT * next
+        {
             return Vec::new();
         }
         let fits: BTreeMap<usize, usize> =
@@ -73,7 +76,7 @@ impl Judge<'_> {
     }
 }
 
-/// What cameras cost beside each other with the calibrations of each other.
+/// Costs of pairs of cameras with each other's calibrations.
 struct CostTable {
     outside: Vec<usize>,
     right: Vec<usize>,
@@ -81,7 +84,7 @@ struct CostTable {
 }
 
 impl CostTable {
-    fn of(judge: &Judge<'_>, outside: &[usize], right: &[usize]) -> Self {
+    fn new(judge: &Judge<'_>, outside: &[usize], right: &[usize]) -> Self {
         let rays =
             |(camera, calibrated): Given| judge.rays(camera, calibrated, PictureChange::AsItIs);
         let both = outside
@@ -111,7 +114,7 @@ impl CostTable {
         }
     }
 
-    /// The mean over all pairs where the cameras have the calibrations of `order`; `None` where none can be compared.
+    /// Mean cost of all pairs with the calibrations of `order`; `None` if none can be compared.
     fn cost(&self, order: &[usize]) -> Option<f64> {
         let given: Vec<Given> = self
             .outside
@@ -133,20 +136,20 @@ impl CostTable {
     }
 }
 
-/// Tells every order of `all` from `from` on.
-fn permute(all: &mut Vec<usize>, from: usize, tell: &mut impl FnMut(&[usize])) {
+/// Visits every order of `all` from index `from` on.
+fn permute(all: &mut Vec<usize>, from: usize, visit: &mut impl FnMut(&[usize])) {
     if from == all.len() {
-        tell(&all[..]);
+        visit(&all[..]);
         return;
     }
     for next in from..all.len() {
         all.swap(from, next);
-        permute(all, from + 1, tell);
+        permute(all, from + 1, visit);
         all.swap(from, next);
     }
 }
 
-/// The rounds of who fits what: each fits the next, the last the first. Who fits itself is in none.
+/// Cycles in which each camera fits the next, and the last fits the first. A camera that fits itself is in none.
 fn cycles_of(fits: &BTreeMap<usize, usize>) -> Vec<Vec<usize>> {
     let mut left = fits.clone();
     let mut cycles = Vec::new();
@@ -168,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rounds_are_told_from_the_first_camera_on() {
+    fn cycles_start_at_their_first_camera() {
         let fits = [(0, 2), (1, 1), (2, 4), (3, 5), (4, 0), (5, 3)].into();
         assert_eq!(cycles_of(&fits), [vec![0, 2, 4], vec![3, 5]]);
     }

@@ -1,5 +1,5 @@
-//! Cameras whose keypoints are where people are, and have scores as if they were nowhere: written as one less the score, say, or in
-//! another unit. Little of such a camera counts, so nothing else is asked of it.
+//! Cameras whose keypoints are at the right places but have scores too low to count: written as one less the score, for example, or
+//! in another unit. Few keypoints of such a camera count, so later searches leave it out.
 
 use std::collections::BTreeMap;
 
@@ -8,19 +8,20 @@ use super::super::super::report::DisagreementCause;
 use super::super::super::samples::{MIN_SCORE, PassSample};
 use super::super::{Findings, Judge, MIN_KEYPOINTS};
 
-/// Which share of the bodies of a camera has mostly scores that are too low. Of right cameras of the Shelf 0.03 had, of the sample and
-/// four simulated scenes none.
-const MOST: f64 = 0.7;
-/// Least of these, and least time from the first to the last, seconds: who steps into a picture is half in it for a moment.
+/// Smallest share of the bodies of a camera that have mostly low scores. With valid scores it was 0.03 on the Shelf, and 0 on the
+/// sample and four simulated scenes.
+const MIN_LOW_BODIES_SHARE: f64 = 0.7;
+/// Fewest such bodies, and shortest time from the first to the last, seconds: people who step into a picture are half in it for a
+/// moment.
 const MIN_BODIES: usize = 6;
-const LEAST_S: f64 = 1.0;
-/// Least share of their keypoints that is too low: somebody whose legs are hidden has guessed ones for half of his.
-const LEAST_SHARE: f64 = 0.66;
-/// Which share of the cameras with which it was compared must agree with one by keypoints of any score.
-const MOST_OTHERS: f64 = 0.5;
+const MIN_SPAN_S: f64 = 1.0;
+/// Smallest share of low scores among their keypoints: if the legs of a person are hidden, half of the keypoints are guesses.
+const MIN_LOW_KEYPOINTS_SHARE: f64 = 0.66;
+/// Smallest share of the other cameras that must agree with one if keypoints of any score count.
+const MIN_AGREEING_SHARE: f64 = 0.5;
 
 impl Judge<'_> {
-    /// Cameras that agree with others once keypoints count whatever their scores are, most of which are too low to count.
+    /// Cameras with mostly low scores that agree with others if keypoints of any score count.
     pub(in super::super) fn find_low_scores(&self, findings: &mut Findings) {
         let showing = self.showing().into_iter();
         let unsure: Vec<usize> = showing.filter(|&of| self.is_unsure(of)).collect();
@@ -43,19 +44,19 @@ impl Judge<'_> {
         let unsure = self.passes.iter().map(|pass| pass.unsure[camera].len());
         let all = self.passes.iter().map(|pass| pass.of_camera[camera].len());
         let (unsure, all): (usize, usize) = (unsure.sum(), all.sum());
-        let is_mostly = unsure >= MIN_BODIES && unsure as f64 >= MOST * all as f64;
-        // The newest first.
+        let is_mostly = unsure >= MIN_BODIES && unsure as f64 >= MIN_LOW_BODIES_SHARE * all as f64;
+        // Passes are ordered from the newest to the oldest.
         let shown = self.passes.iter();
         let mut shown = shown.filter(|pass| !pass.unsure[camera].is_empty());
         let last = shown.next();
         let span = last
             .zip(shown.next_back())
             .map_or(0, |(last, first)| last.tick - first.tick);
-        let lasts = span as f64 >= LEAST_S * self.rate_hz;
-        is_mostly && lasts && self.share_of_low(&[camera]) >= LEAST_SHARE
+        let lasts = span as f64 >= MIN_SPAN_S * self.rate_hz;
+        is_mostly && lasts && self.share_of_low(&[camera]) >= MIN_LOW_KEYPOINTS_SHARE
     }
 
-    /// Whether one of these cameras agrees with most others, once all its keypoints count.
+    /// Whether one of these cameras agrees with most others if all its keypoints count.
     fn agreeing_at_any_score(&self, unsure: &[usize]) -> impl Fn(usize) -> bool + use<> {
         let passes = self.passes.iter().map(|pass| PassSample {
             tick: pass.tick,
@@ -83,11 +84,11 @@ impl Judge<'_> {
             let is_own = |(a, b): &&(usize, usize)| *a == camera || *b == camera;
             let compared = pairs.keys().filter(is_own).count();
             let near = near.iter().filter(is_own).count();
-            near > 0 && near as f64 >= MOST_OTHERS * compared as f64
+            near > 0 && near as f64 >= MIN_AGREEING_SHARE * compared as f64
         }
     }
 
-    /// Which share of the keypoints of these cameras is too low, to a hundredth: of those bodies of which most are.
+    /// Share of low scores among the keypoints of these cameras, to a hundredth, in bodies that have mostly low scores.
     fn share_of_low(&self, cameras: &[usize]) -> f64 {
         let passes = self.passes.iter();
         let bodies = passes.flat_map(|pass| cameras.iter().flat_map(|&of| &pass.unsure[of]));
@@ -104,24 +105,24 @@ mod tests {
     use super::super::super::super::fixture::{Hall, Mistake, names};
     use super::*;
 
-    /// What is told where these cameras have scores that are one less what they should be, and this wrong beside.
-    fn told(cameras: &[usize], beside: Mistake) -> Vec<(Vec<String>, DisagreementCause)> {
+    /// The causes reported if these cameras write one less the score, and also have the `other` mistake.
+    fn causes(cameras: &[usize], other: Mistake) -> Vec<(Vec<String>, DisagreementCause)> {
         let mut hall = Hall::default();
         for &camera in cameras {
             hall.shows[camera].1 = Mistake {
                 scores_written: Some(|score| 1.0 - score),
-                ..beside
+                ..other
             };
         }
         hall.causes()
     }
 
     #[test]
-    fn cameras_whose_scores_are_one_less_what_they_should_be_are_named_one_or_all() {
+    fn inverted_scores_are_found_in_one_camera_and_in_all() {
         for (cameras, named) in [(vec![2], names(&[2])), (vec![0, 1, 2, 3], Vec::new())] {
-            let told = told(&cameras, Mistake::default());
-            let [(of, DisagreementCause::LowScores { share })] = &told[..] else {
-                panic!("{told:?}");
+            let causes = causes(&cameras, Mistake::default());
+            let [(of, DisagreementCause::LowScores { share })] = &causes[..] else {
+                panic!("{causes:?}");
             };
             assert_eq!(*of, named);
             assert!(*share > 0.99, "{share}");
@@ -129,14 +130,14 @@ mod tests {
     }
 
     #[test]
-    fn of_a_camera_that_is_unsure_and_shows_nobody_where_people_are_it_is_not_told() {
+    fn low_scores_at_wrong_places_are_not_reported() {
         let mirrored = Mistake {
             mirrored: true,
             ..Mistake::default()
         };
-        let told = told(&[2], mirrored);
+        let causes = causes(&[2], mirrored);
         let is_low =
             |cause: &DisagreementCause| matches!(cause, DisagreementCause::LowScores { .. });
-        assert!(!told.iter().any(|(_, cause)| is_low(cause)), "{told:?}");
+        assert!(!causes.iter().any(|(_, cause)| is_low(cause)), "{causes:?}");
     }
 }

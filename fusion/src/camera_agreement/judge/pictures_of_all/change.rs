@@ -1,23 +1,22 @@
-//! What may have been done to pictures before keypoints were looked for in them, or to the keypoints when they were written.
+//! Changes of pictures before keypoints were found in them, or of keypoints when they were written.
 
 use nalgebra::Vector2;
 
 use super::super::super::geometry::SightLines;
 use super::super::super::report::PictureOfAll;
 
-/// Changes smaller than this are none: of scale, natural logarithm, and of place, shares of a picture.
-const LEAST_SCALED: f64 = 0.05;
-const LEAST_SHIFTED: f64 = 0.03;
-/// Logarithms of the scales that are tried: from and to, and how far apart.
-const SCALES: (f64, f64) = (-0.9, 1.7);
+/// Smallest changes that count: of scale, natural logarithm, and of place, shares of a picture.
+const MIN_LOG_SCALE: f64 = 0.05;
+const MIN_SHIFT: f64 = 0.03;
+/// Range of the logarithms of candidate scales, and the steps between them.
+const LOG_SCALES: (f64, f64) = (-0.9, 1.7);
 const SCALE_STEP: f64 = 0.06;
 const WIDE_SCALE_STEP: f64 = 0.1;
-/// Shifts that are tried: up to so large a share of a picture, and how far apart.
-const FARTHEST_SHIFT: f64 = 0.42;
+/// Largest candidate shift and the step between shifts, shares of a picture.
+const MAX_SHIFT: f64 = 0.42;
 const SHIFT_STEP: f64 = 0.06;
-/// How many times as tall pictures are as others in which keypoints are found: the usual ones of 2160, 1440, 1200, 1080, 720, 540 and 480
-/// rows that are a third apart or more.
-const SIZES: [f64; 9] = [
+/// Ratios of common picture heights (2160, 1440, 1200, 1080, 720, 540 and 480 rows) that differ by a third or more.
+const SIZE_RATIOS: [f64; 9] = [
     2160.0 / 1440.0,
     2.0,
     3.0,
@@ -29,26 +28,26 @@ const SIZES: [f64; 9] = [
     2160.0 / 1200.0,
 ];
 
-/// What was done to pictures, or to what was written of them.
+/// What was done to pictures or keypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Deed {
-    /// They were turned or reflected.
+pub(super) enum Transform {
+    /// Turned by quarters, or reflected.
     Turned,
-    /// Made smaller or larger, with bars around them or without.
+    /// Scaled, with or without bars around the picture.
     Scaled,
-    /// Squeezed.
+    /// Scaled differently in x and y.
     Squeezed,
-    /// Cut.
+    /// Cropped.
     Cut,
     /// Several of these.
     Mixed,
 }
 
-impl Deed {
-    /// Those that are looked for at large.
+impl Transform {
+    /// The transforms of the search over all cameras.
     pub(super) const ALL: [Self; 4] = [Self::Turned, Self::Scaled, Self::Squeezed, Self::Cut];
 
-    /// Along what it may be more or less: the logarithms of both scales, and both shifts.
+    /// Directions in which it is refined: logarithms of both scales, and both shifts.
     pub(super) fn axes(self) -> &'static [[f64; 4]] {
         match self {
             Self::Turned => &[],
@@ -65,32 +64,31 @@ impl Deed {
     }
 }
 
-/// Where keypoints of a picture are meant to be.
+/// Maps written keypoints of a picture to their true places, in this order of steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Change {
-    /// What was done.
-    pub(super) deed: Deed,
-    /// x and y exchanged, first.
+    pub(super) transform: Transform,
+    /// Exchanges x and y.
     transposed: bool,
-    /// Counted from the other side, then.
+    /// Counts x or y from the other side.
     flipped: [bool; 2],
-    /// Scaled about the corner, then.
+    /// Scales about the top left corner.
     pub(super) scale: [f64; 2],
-    /// Shifted by such shares of the picture's sides, at last.
+    /// Shifts by shares of the picture's sides.
     pub(super) shift: [f64; 2],
 }
 
 impl Change {
     pub(super) const NONE: Self = Self {
-        deed: Deed::Mixed,
+        transform: Transform::Mixed,
         transposed: false,
         flipped: [false; 2],
         scale: [1.0; 2],
         shift: [0.0; 2],
     };
 
-    /// Where a place of a picture of this size is meant, pixels.
-    pub(super) fn of(&self, [x, y]: [f64; 2], size_px: &Vector2<f64>) -> [f32; 2] {
+    /// The true place of a written one, pixels.
+    pub(super) fn apply(&self, [x, y]: [f64; 2], size_px: &Vector2<f64>) -> [f32; 2] {
         let turned = if self.transposed { [y, x] } else { [x, y] };
         std::array::from_fn(|axis| {
             let side_px = size_px[axis];
@@ -103,13 +101,13 @@ impl Change {
         })
     }
 
-    /// With so much more along an axis of its deed: about the corner, of a mixture about the middle of the picture.
-    pub(super) fn with(&self, along: &[f64; 4], by: f64) -> Self {
+    /// A step along an axis of its transform, about the top left corner; for `Mixed`, about the middle of the picture.
+    pub(super) fn stepped(&self, along: &[f64; 4], by: f64) -> Self {
         let mut changed = *self;
         for axis in 0..2 {
             let factor = libm::exp(by * along[axis]);
             changed.scale[axis] *= factor;
-            if self.deed == Deed::Mixed {
+            if self.transform == Transform::Mixed {
                 changed.shift[axis] = factor * (self.shift[axis] - 0.5) + 0.5;
             }
             changed.shift[axis] += by * along[2 + axis];
@@ -117,11 +115,11 @@ impl Change {
         changed
     }
 
-    /// What that is called; `None` where it is nothing, or a mixture that nobody makes, or other focal lengths of all.
+    /// The change to report; `None` if it is too small, an unusual mixture, or the same as other focal lengths.
     pub(super) fn name(&self) -> Option<PictureOfAll> {
         let scaled = self.scale.map(|scale| libm::log(scale).abs());
-        let is_scaled = scaled.iter().any(|it| *it >= LEAST_SCALED);
-        let is_shifted = self.shift.iter().any(|it| it.abs() >= LEAST_SHIFTED);
+        let is_scaled = scaled.iter().any(|it| *it >= MIN_LOG_SCALE);
+        let is_shifted = self.shift.iter().any(|it| it.abs() >= MIN_SHIFT);
         let turned = match (self.transposed, self.flipped) {
             (false, [false, false]) => None,
             (false, [true, false]) => Some(PictureOfAll::Mirrored),
@@ -136,9 +134,9 @@ impl Change {
         let [x, y] = self.scale;
         let is_centred = (0..2).all(|axis| {
             let centred = 0.5 * (1.0 - self.scale[axis]);
-            (self.shift[axis] - centred).abs() < LEAST_SHIFTED
+            (self.shift[axis] - centred).abs() < MIN_SHIFT
         });
-        let is_zoom = is_centred && libm::log(x / y).abs() < LEAST_SCALED;
+        let is_zoom = is_centred && libm::log(x / y).abs() < MIN_LOG_SCALE;
         let rounded = |value: f64, per: f64| (per * value).round() / per;
         (!is_zoom && (is_scaled || is_shifted)).then(|| PictureOfAll::Resized {
             scale: self.scale.map(|it| rounded(it, 100.0)),
@@ -147,44 +145,43 @@ impl Change {
     }
 }
 
-/// The changes that are tried first: what people do with pictures before they look for keypoints in them. `lines` are those of one
-/// of the cameras.
-pub(super) fn tried(lines: &SightLines) -> Vec<Change> {
+/// Candidates of the coarse search: usual changes of pictures before keypoints are found in them. `lines` are those of one camera.
+pub(super) fn candidates(lines: &SightLines) -> Vec<Change> {
     let mut all = turned();
     let steps = |(from, to): (f64, f64), step: f64| {
         let n = ((to - from) / step) as usize;
         (0..=n).map(move |i| from + step * i as f64)
     };
-    // Smaller or larger; and so with bars above and below that make a square of it.
+    // Scaled, also with bars that make the picture square.
     let [width, height] = [lines.size_px().x, lines.size_px().y];
     let longer = width.max(height);
     let bars = [width, height].map(|side| -0.5 * (longer - side) / side);
-    for scale in steps(SCALES, SCALE_STEP).map(libm::exp) {
+    for scale in steps(LOG_SCALES, SCALE_STEP).map(libm::exp) {
         for shift in [[0.0; 2], bars] {
             all.push(Change {
-                deed: Deed::Scaled,
+                transform: Transform::Scaled,
                 scale: [scale; 2],
                 shift,
                 ..Change::NONE
             });
         }
     }
-    // Squeezed.
-    for x in steps(SCALES, WIDE_SCALE_STEP).map(libm::exp) {
-        for y in steps(SCALES, WIDE_SCALE_STEP).map(libm::exp) {
+    // Scaled differently in x and y.
+    for x in steps(LOG_SCALES, WIDE_SCALE_STEP).map(libm::exp) {
+        for y in steps(LOG_SCALES, WIDE_SCALE_STEP).map(libm::exp) {
             all.push(Change {
-                deed: Deed::Squeezed,
+                transform: Transform::Squeezed,
                 scale: [x, y],
                 ..Change::NONE
             });
         }
     }
-    // Cut.
-    let shifts = || steps((-FARTHEST_SHIFT, FARTHEST_SHIFT), SHIFT_STEP);
+    // Cropped.
+    let shifts = || steps((-MAX_SHIFT, MAX_SHIFT), SHIFT_STEP);
     for x in shifts() {
         for y in shifts() {
             all.push(Change {
-                deed: Deed::Cut,
+                transform: Transform::Cut,
                 shift: [x, y],
                 ..Change::NONE
             });
@@ -205,7 +202,7 @@ fn turned() -> Vec<Change> {
         (true, true, true),
     ];
     let turned = |(transposed, x, y)| Change {
-        deed: Deed::Turned,
+        transform: Transform::Turned,
         transposed,
         flipped: [x, y],
         ..Change::NONE
@@ -213,13 +210,13 @@ fn turned() -> Vec<Change> {
     all.map(turned).to_vec()
 }
 
-/// The changes of one camera's pictures that are tried: reflected, turned by a quarter, or of another size.
-pub(super) fn tried_of_one() -> Vec<Change> {
+/// Candidates for the pictures of one camera: reflected, turned by a quarter, or of another size.
+pub(super) fn candidates_of_one() -> Vec<Change> {
     let turned = turned();
     let is_another = |change: &Change| change.name() != Some(PictureOfAll::HalfTurned);
-    let scaled = SIZES.into_iter().flat_map(|size| [size, 1.0 / size]);
+    let scaled = SIZE_RATIOS.into_iter().flat_map(|size| [size, 1.0 / size]);
     let scaled = scaled.map(|scale| Change {
-        deed: Deed::Scaled,
+        transform: Transform::Scaled,
         scale: [scale; 2],
         ..Change::NONE
     });

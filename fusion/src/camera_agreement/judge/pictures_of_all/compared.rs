@@ -1,4 +1,4 @@
-//! How well lines of sight meet with the keypoints of all cameras changed alike, and which change makes them meet best.
+//! How well lines of sight meet with one change of the keypoints of all cameras, and the change with which they meet best.
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::frames::Pixel;
@@ -10,26 +10,27 @@ use super::super::super::JudgedCamera;
 use super::super::super::geometry::{SightLines, meeting};
 use super::super::super::pairs::{EXTENT_M, HALF_COST_M, SAME_PERSON_COST};
 use super::super::super::samples::SeenBody;
-use super::change::{Change, Deed, tried};
+use super::change::{Change, Transform, candidates};
 
-/// Of the keypoints every so many are, at first.
-const EVERY_KEYPOINTS: usize = 3;
-/// Where the cost of a distance reaches one half while a change is looked for, metres, from coarse to fine.
-const COARSE_M: f64 = 0.4;
-const FINER_M: [f64; 3] = [0.3, 0.12, HALF_COST_M];
-/// So many of the best of each deed are refined, with this first step, in so many rounds at each distance, each with a shorter one.
-const REFINED: usize = 2;
+/// The coarse search compares every third keypoint.
+const COARSE_KEYPOINT_STEP: usize = 3;
+/// Distances that cost one half in the coarse search and in the refinements, metres.
+const COARSE_HALF_COST_M: f64 = 0.4;
+const FINE_HALF_COSTS_M: [f64; 3] = [0.3, 0.12, HALF_COST_M];
+/// The best candidates of each transform are refined: how many of each, with which first step, in how many rounds per distance, and
+/// the factor of the step after each round.
+const REFINED_PER_TRANSFORM: usize = 2;
 const FIRST_STEP: f64 = 0.06;
 const ROUNDS: usize = 5;
-const SHORTER: f64 = 0.8;
+const STEP_FACTOR: f64 = 0.8;
 
-/// Whom a camera shows in a pass.
+/// The sightings of a camera in a pass.
 pub(super) type Bodies<'a> = Vec<&'a SeenBody>;
 
-/// Their lines of sight by keypoint, zero where it is not seen, and how far they extend one metre away, metres.
+/// The lines of sight of a sighting by keypoint, zero if it is not seen, and its extent at a depth of one metre, metres.
 type BodyRays = (Vec<Vector3<f64>>, f64);
 
-/// What is compared.
+/// The sightings that are compared.
 pub(super) struct Compared<'a> {
     pub(super) cameras: &'a [JudgedCamera],
     pub(super) models: &'a [&'a CameraModel],
@@ -39,28 +40,27 @@ pub(super) struct Compared<'a> {
     pub(super) passes: Vec<Vec<Bodies<'a>>>,
 }
 
-/// How closely sightings are compared.
+/// How finely sightings are compared.
 #[derive(Clone, Copy)]
-pub(super) struct Closeness {
-    /// Where the cost of a distance reaches one half, metres.
+pub(super) struct Precision {
+    /// Distance that costs one half, metres.
     half_m: f64,
-    /// Of the keypoints every so many are compared.
-    every: usize,
-    /// Whether lenses distort what is changed.
+    keypoint_step: usize,
+    /// Whether the change is applied to distorted pixels.
     through_lenses: bool,
 }
 
-impl Closeness {
+impl Precision {
     const COARSE: Self = Self {
-        half_m: COARSE_M,
-        every: EVERY_KEYPOINTS,
+        half_m: COARSE_HALF_COST_M,
+        keypoint_step: COARSE_KEYPOINT_STEP,
         through_lenses: false,
     };
 
-    pub(super) fn of(half_m: f64) -> Self {
+    pub(super) fn fine(half_m: f64) -> Self {
         Self {
             half_m,
-            every: 1,
+            keypoint_step: 1,
             through_lenses: true,
         }
     }
@@ -69,28 +69,29 @@ impl Closeness {
 impl Compared<'_> {
     /// The change with which lines of sight meet best, and their cost.
     pub(super) fn best(&self) -> Option<(Change, f64)> {
-        let tried = tried(&self.cameras[self.pairs.first()?.0].lines);
-        let weighed = tried.into_iter().filter_map(|change| {
-            let cost = self.mean_cost(&change, Closeness::COARSE)?;
+        let candidates = candidates(&self.cameras[self.pairs.first()?.0].lines);
+        let weighed = candidates.into_iter().filter_map(|change| {
+            let cost = self.mean_cost(&change, Precision::COARSE)?;
             Some((cost, change))
         });
         let mut weighed: Vec<(f64, Change)> = weighed.collect();
         weighed.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let of_deed = |deed: Deed| {
-            let own = weighed.iter().filter(move |(_, it)| it.deed == deed);
-            own.take(REFINED).map(|(_, change)| *change)
+        let best_of = |transform: Transform| {
+            let own = weighed.iter();
+            let own = own.filter(move |(_, it)| it.transform == transform);
+            own.take(REFINED_PER_TRANSFORM).map(|(_, change)| *change)
         };
-        let refined = Deed::ALL.into_iter().flat_map(of_deed);
+        let refined = Transform::ALL.into_iter().flat_map(best_of);
         let refined = refined.filter_map(|change| self.refined(change));
         let upright = refined.filter(|(change, _)| self.are_upright(change));
         upright.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Whether those of whom shoulders and ankles are seen do not stand on their heads, most of them.
+    /// Whether most people with visible shoulders and ankles are upright.
     fn are_upright(&self, change: &Change) -> bool {
         let (mut upright, mut all) = (0, 0);
         for pass in &self.passes {
-            let rays = self.rays(pass, (change, Closeness::COARSE));
+            let rays = self.rays(pass, (change, Precision::COARSE));
             for (rays, _) in rays.iter().flatten() {
                 let middle = |names: [&str; 2]| {
                     let known = names.into_iter().filter_map(|name| {
@@ -111,17 +112,18 @@ impl Compared<'_> {
         2 * upright >= all
     }
 
-    /// Whom two cameras show, and where these are, world, metres: each sighting of the one with the one of the other that fits it.
+    /// People in two cameras: each sighting of one with the best fitting one of the other, and the camera centers, world,
+    /// metres.
     fn met(&self, change: &Change) -> Vec<([&Vector3<f64>; 2], [BodyRays; 2])> {
-        let closeness = Closeness::of(HALF_COST_M);
+        let precision = Precision::fine(HALF_COST_M);
         let mut all = Vec::new();
         for pass in &self.passes {
-            let rays = self.rays(pass, (change, closeness));
+            let rays = self.rays(pass, (change, precision));
             for &(a, b) in &self.pairs {
                 let centers_m = [a, b].map(|camera| &self.cameras[camera].lines.center_m);
                 for one in &rays[a] {
                     let others = rays[b].iter().filter_map(|other| {
-                        Some((cost_of(centers_m, [one, other], closeness)?, other))
+                        Some((cost_of(centers_m, [one, other], precision)?, other))
                     });
                     let best = others.min_by(|p, q| p.0.total_cmp(&q.0));
                     let best = best.filter(|(cost, _)| *cost < SAME_PERSON_COST);
@@ -132,34 +134,34 @@ impl Compared<'_> {
         all
     }
 
-    /// With as much of its deed as leaves the least.
+    /// Refines a change along the axes of its transform. Also returns its cost.
     fn refined(&self, mut change: Change) -> Option<(Change, f64)> {
         let mut cost = f64::INFINITY;
         let mut step = FIRST_STEP;
-        for half_m in FINER_M {
-            cost = self.mean_cost(&change, Closeness::of(half_m))?;
+        for half_m in FINE_HALF_COSTS_M {
+            cost = self.mean_cost(&change, Precision::fine(half_m))?;
             for _ in 0..ROUNDS {
-                for axis in change.deed.axes() {
+                for axis in change.transform.axes() {
                     for by in [step, -step] {
-                        let tried = change.with(axis, by);
-                        let of_tried = self.mean_cost(&tried, Closeness::of(half_m))?;
-                        if of_tried < cost {
-                            (change, cost) = (tried, of_tried);
+                        let stepped = change.stepped(axis, by);
+                        let stepped_cost = self.mean_cost(&stepped, Precision::fine(half_m))?;
+                        if stepped_cost < cost {
+                            (change, cost) = (stepped, stepped_cost);
                         }
                     }
                 }
-                step *= SHORTER;
+                step *= STEP_FACTOR;
             }
         }
         Some((change, cost))
     }
 
-    /// What lines of sight cost with keypoints changed so, 0 to 1: of each sighting with the one that fits it best. `None` where
-    /// nobody can be compared.
-    pub(super) fn mean_cost(&self, change: &Change, closeness: Closeness) -> Option<f64> {
+    /// Mean cost of lines of sight with this change, 0 to 1, of each sighting with the one that fits it best. `None` if no sightings
+    /// can be compared.
+    pub(super) fn mean_cost(&self, change: &Change, precision: Precision) -> Option<f64> {
         let (mut sum, mut n) = (0.0, 0);
         for pass in &self.passes {
-            let rays = self.rays(pass, (change, closeness));
+            let rays = self.rays(pass, (change, precision));
             for &(a, b) in &self.pairs {
                 let (few, many) = if rays[a].len() <= rays[b].len() {
                     (a, b)
@@ -170,7 +172,7 @@ impl Compared<'_> {
                 for one in &rays[few] {
                     let costs = rays[many]
                         .iter()
-                        .filter_map(|other| cost_of(centers_m, [one, other], closeness));
+                        .filter_map(|other| cost_of(centers_m, [one, other], precision));
                     if let Some(least) = costs.min_by(f64::total_cmp) {
                         sum += least;
                         n += 1;
@@ -184,18 +186,18 @@ impl Compared<'_> {
     fn rays(
         &self,
         pass: &[Bodies<'_>],
-        (change, closeness): (&Change, Closeness),
+        (change, precision): (&Change, Precision),
     ) -> Vec<Vec<BodyRays>> {
         let of_camera = |(camera, bodies): (usize, &Bodies<'_>)| {
             let by = (&self.cameras[camera].lines, self.models[camera]);
             let rays = bodies.iter();
-            rays.map(|body| body_rays(body, by, (change, closeness)))
+            rays.map(|body| body_rays(body, by, (change, precision)))
                 .collect()
         };
         pass.iter().enumerate().map(of_camera).collect()
     }
 
-    /// How far people extend, by every two cameras that show them, metres.
+    /// Extents of people, by each pair of cameras that shows them, metres.
     pub(super) fn extents_m(&self, change: &Change) -> Vec<f64> {
         let met = self.met(change);
         let extents = met
@@ -205,30 +207,31 @@ impl Compared<'_> {
     }
 }
 
-/// Where a keypoint is meant that is shown at an undistorted pixel: what is changed is the picture, lens and all; `None` where the
-/// lens has nothing there.
-pub(super) fn meant(
+/// The true place of a keypoint that is shown at an undistorted pixel. The change applies to the distorted picture. `None` if the
+/// lens shows nothing there.
+pub(super) fn corrected(
     pixel: [f64; 2],
-    (model, size_px): (&CameraModel, &Vector2<f64>),
+    model: &CameraModel,
+    size_px: &Vector2<f64>,
     change: &Change,
 ) -> Option<[f32; 2]> {
     let shown = model.distort(Pixel::new(pixel[0], pixel[1]))?;
-    let [x, y] = change.of([shown.x(), shown.y()], size_px).map(f64::from);
-    let meant = model.undistort(Pixel::new(x, y))?;
-    Some([meant.x() as f32, meant.y() as f32])
+    let [x, y] = change.apply([shown.x(), shown.y()], size_px).map(f64::from);
+    let corrected = model.undistort(Pixel::new(x, y))?;
+    Some([corrected.x() as f32, corrected.y() as f32])
 }
 
 fn body_rays(
     body: &SeenBody,
     (lines, model): (&SightLines, &CameraModel),
-    (change, closeness): (&Change, Closeness),
+    (change, precision): (&Change, Precision),
 ) -> BodyRays {
     let size_px = lines.size_px();
     let place = |pixel: [f64; 2]| {
-        if closeness.through_lenses {
-            meant(pixel, (model, &size_px), change)
+        if precision.through_lenses {
+            corrected(pixel, model, &size_px, change)
         } else {
-            Some(change.of(pixel, &size_px))
+            Some(change.apply(pixel, &size_px))
         }
     };
     let places = body.iter().map(|seen| {
@@ -244,7 +247,7 @@ fn body_rays(
     (places.iter().map(world).collect(), extent)
 }
 
-/// How far somebody extends whom two cameras show, metres: the mean of what both say.
+/// Extent of a person by two cameras, metres: the mean of both.
 fn extent_m(centers_m: [&Vector3<f64>; 2], [a, b]: [&BodyRays; 2]) -> Option<f64> {
     let met = a.0.iter().zip(&b.0);
     let met = met.filter_map(|(p, q)| meeting((centers_m[0], p), (centers_m[1], q)));
@@ -252,14 +255,14 @@ fn extent_m(centers_m: [&Vector3<f64>; 2], [a, b]: [&BodyRays; 2]) -> Option<f64
     upper_median(extents.collect()).filter(|extent_m| *extent_m > 0.0)
 }
 
-/// What two sightings cost that are of one person; `None` where too few keypoints are in both.
+/// Mean cost of two sightings if they are of one person; `None` if they have too few keypoints in common.
 fn cost_of(
     centers_m: [&Vector3<f64>; 2],
     [a, b]: [&BodyRays; 2],
-    closeness: Closeness,
+    precision: Precision,
 ) -> Option<f64> {
-    let half_m = closeness.half_m;
-    let both = a.0.iter().zip(&b.0).step_by(closeness.every);
+    let half_m = precision.half_m;
+    let both = a.0.iter().zip(&b.0).step_by(precision.keypoint_step);
     let (mut sum, mut n) = (0.0, 0);
     for (p, q) in both {
         let Some(met) = meeting((centers_m[0], p), (centers_m[1], q)) else {
