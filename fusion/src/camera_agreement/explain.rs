@@ -36,8 +36,8 @@ impl Candidate {
 }
 
 impl Judge<'_> {
-    /// The cause that makes `camera` agree best, and the cameras that it is about. The camera is in `group`, and not taken for
-    /// right. `None` if no cause explains enough.
+    /// The cause that makes `camera` agree best, and the cameras that it is about. The camera is in `group`, and not
+    /// taken for right. `None` if no cause explains enough.
     pub(super) fn explain(
         &self,
         camera: usize,

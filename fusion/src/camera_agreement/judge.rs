@@ -240,7 +240,7 @@ impl<'a> Judge<'a> {
         self.find_frozen(&mut findings);
         self.find_silent(&mut findings);
         self.find_jumps(&mut findings);
-        self.find_called_fisheyes(&mut findings);
+        self.find_false_fisheyes(&mut findings);
         self.find_permuted(&mut findings);
         self.find_outside_groups(&mut findings);
         self.find_displaced(&mut findings);

@@ -12,8 +12,8 @@
 //!          -> a cause, with its sentences from `words`
 //! ```
 //!
-//! Nothing here moves a pose. A report of 28 viewpoints takes some seconds. It is made on another thread, or at the end of a run.
-//! A caller that judges repeatedly passes the earlier results ([`JudgedBefore`]).
+//! Nothing here moves a pose. A report of 28 viewpoints takes some seconds. It is made on another thread, or at the end
+//! of a run. A caller that judges repeatedly passes the earlier results ([`JudgedBefore`]).
 
 mod explain;
 #[cfg(test)]

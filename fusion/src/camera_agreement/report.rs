@@ -55,8 +55,8 @@ pub struct SightedReport {
     pub by_camera: BTreeMap<String, u64>,
     /// Number of viewpoints.
     pub viewpoints: u64,
-    /// How far right and down keypoints of the kept passes were in any picture, undistorted, as shares of its width and height;
-    /// `None` without keypoints.
+    /// How far right and down keypoints of the kept passes were in any picture, undistorted, as shares of its width and
+    /// height; `None` without keypoints.
     #[serde(default)]
     pub reach: Option<[f64; 2]>,
     /// The bodies on which lines of sight of several viewpoints met, in the kept passes.
@@ -117,8 +117,8 @@ pub struct Disagreement {
 }
 
 impl Disagreement {
-    /// The cause and the cameras without numbers, and whether it holds in a part of the time only. It stays the same as long as
-    /// the disagreement lasts.
+    /// The cause and the cameras without numbers, and whether it holds in a part of the time only. It stays the same as
+    /// long as the disagreement lasts.
     pub fn name(&self) -> String {
         let cause = std::mem::discriminant(&self.cause);
         let part = self.part_ticks.map_or("", |_| "in part ");
@@ -188,7 +188,8 @@ pub enum DisagreementCause {
         /// Share of keypoints with low scores, among bodies with mostly such keypoints, 0 to 1.
         share: f64,
     },
-    /// The keypoints of all cameras are at other places in the pictures, in the same way: found in smaller pictures, for example.
+    /// The keypoints of all cameras are at other places in the pictures, in the same way: found in smaller pictures,
+    /// for example.
     PictureOfAll {
         /// How the pictures differ.
         change: PictureOfAll,
@@ -254,8 +255,8 @@ pub enum DisagreementCause {
     },
     /// All people stand under the floor, or all above it: the origin of the calibration, or the venue's `floor_m`.
     FloorHeight {
-        /// Height of the feet of standing people above the floor, metres, the median over time: of the highest person if all are
-        /// under the floor, of the lowest if all are above it.
+        /// Height of the feet of standing people above the floor, metres, the median over time: of the highest person
+        /// if all are under the floor, of the lowest if all are above it.
         above_m: f64,
         /// Height of the floor, world z, metres.
         floor_m: f64,

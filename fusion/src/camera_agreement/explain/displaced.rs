@@ -1,7 +1,7 @@
 //! What changed in one camera since it was calibrated: its position and direction, or its lens.
 //!
-//! Each change is fitted to one half of the keypoints and judged by the distances of the other half. So errors of a network on some
-//! keypoints explain nothing of the others, and a change with more parameters has no advantage.
+//! Each change is fitted to one half of the keypoints and judged by the distances of the other half. So errors of a
+//! network on some keypoints explain nothing of the others, and a change with more parameters has no advantage.
 
 use super::super::judge::{Findings, Judge};
 use super::super::lens::LensPoints;
@@ -12,12 +12,12 @@ use super::resection::{Change, Changed, Observed};
 
 /// Fewest keypoints of a camera for a fit.
 const MIN_OBSERVED: usize = 120;
-/// Largest share of the median distance that a change may leave, if the camera agrees. For valid cameras 0.87 and more was left on
-/// the Shelf, and 0.97 on the sample.
+/// Largest share of the median distance that a change may leave, if the camera agrees. For valid cameras 0.87 and more
+/// was left on the Shelf, and 0.97 on the sample.
 const MAX_MEDIAN_RATIO: f64 = 0.72;
-/// The same for the cost of all distances, and the smallest median shift of keypoints, metres, with which it counts. For valid
-/// cameras of the Shelf, the sample and five simulated scenes 0.98 and more was left; for a camera that was moved by 0.05 m or
-/// turned by a degree, 0.7 to 0.9.
+/// The same for the cost of all distances, and the smallest median shift of keypoints, metres, with which it counts.
+/// For valid cameras of the Shelf, the sample and five simulated scenes 0.98 and more was left; for a camera that was
+/// moved by 0.05 m or turned by a degree, 0.7 to 0.9.
 const MAX_COST_RATIO: f64 = 0.9;
 const MIN_SHIFT_M: f64 = 0.03;
 /// If the changes with most parameters leave more of the cost than this, no other change is fitted.
@@ -33,8 +33,8 @@ const MIN_MOVED_M: f64 = 0.02;
 const MAX_MOVED_M: f64 = 0.6;
 /// Largest turn of a camera that was pushed, radians.
 const MAX_TURNED_RAD: f64 = 0.35;
-/// Smallest turn that is reported, degrees. Free-running cameras differ by tenths of a tick, which looks like 0.2 degrees across a
-/// wide field.
+/// Smallest turn that is reported, degrees. Free-running cameras differ by tenths of a tick, which looks like 0.2
+/// degrees across a wide field.
 const MIN_TURNED_DEG: f64 = 0.5;
 /// Smallest change of a focal length, as a share, and smallest and largest change of k1.
 const MIN_ZOOM: f64 = 0.01;
@@ -111,8 +111,8 @@ pub(super) fn displaced(
     weighed.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, it)| it)
 }
 
-/// Shares of the median distance and of the cost of all distances that a change leaves on one half of the keypoints if it is fitted
-/// to the other half; both halves together.
+/// Shares of the median distance and of the cost of all distances that a change leaves on one half of the keypoints if
+/// it is fitted to the other half; both halves together.
 fn ratios_across_halves(observed: &[Observed], change: Change, half_m: f64) -> Option<[f64; 2]> {
     let (odd, even): (Vec<Observed>, Vec<Observed>) =
         observed.iter().partition(|one| one.keypoint % 2 == 1);
@@ -160,8 +160,8 @@ fn cause(change: Change, changed: &Changed) -> Option<DisagreementCause> {
 impl Judge<'_> {
     /// Cameras that agree, but whose distances a change explains.
     ///
-    /// The surest camera is taken first. It is left out of the search for the next one, because a displaced camera also displaces
-    /// the places that it shares with others.
+    /// The surest camera is taken first. It is left out of the search for the next one, because a displaced camera also
+    /// displaces the places that it shares with others.
     pub(in crate::camera_agreement) fn find_displaced(&self, findings: &mut Findings) {
         let Some(points) = self.points_of_moving() else {
             return;
@@ -199,11 +199,11 @@ impl Judge<'_> {
         surest.map(|(_, camera, cause)| (camera, cause))
     }
 
-    /// Whether the sightings of the changed camera fit those of the others no worse than with its calibration. False if it has too
-    /// few sightings in common with them, as in one second: crops of so little time err to one side.
+    /// Whether the sightings of the changed camera fit those of the others no worse than with its calibration. False if
+    /// it has too few sightings in common with them, as in one second: crops of so little time err to one side.
     ///
-    /// A crop is made for one person. If a camera sees that person badly, its crop may always show the same other person. Sightings
-    /// do not have this error.
+    /// A crop is made for one person. If a camera sees that person badly, its crop may always show the same other
+    /// person. Sightings do not have this error.
     fn fits_sightings(&self, camera: usize, changed: &Changed, others: &[usize]) -> bool {
         let lines = changed.lines(&self.lines[camera]);
         let rays = self.rays_through(camera, &lines, PictureChange::AsItIs);

@@ -1,8 +1,8 @@
 //! Whether the keypoints of a camera are in another order than those of the others: a file of another program, or left and
 //! right exchanged.
 //!
-//! Every keypoint of a person in one camera is compared with every keypoint of that person in the others. The assignment of least
-//! cost gives the order. If it differs from the one by names, the camera has another order.
+//! Every keypoint of a person in one camera is compared with every keypoint of that person in the others. The
+//! assignment of least cost gives the order. If it differs from the one by names, the camera has another order.
 
 use nalgebra::Vector3;
 

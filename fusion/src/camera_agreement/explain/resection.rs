@@ -1,5 +1,5 @@
-//! The change of a camera with which it would agree: resection, from the places of keypoints by the other cameras and the pixels of
-//! this one.
+//! The change of a camera with which it would agree: resection, from the places of keypoints by the other cameras and
+//! the pixels of this one.
 //!
 //! ```text
 //!   p' = exp(ω) p + t                       p: a keypoint in the camera as it is calibrated, metres
@@ -7,8 +7,8 @@
 //!   r  = p.z (y' - u)                       u: where the camera shows it; metres at the depth of people
 //! ```
 //!
-//! Gauss-Newton on some of ω, t, log s and k, with weights after Geman and `McClure` so that single keypoints do not count. A prior
-//! keeps all four small: if people stay at one place, a turn and a move of a camera look the same.
+//! Gauss-Newton on some of ω, t, log s and k, with weights after Geman and `McClure` so that single keypoints do not
+//! count. A prior keeps all four small: if people stay at one place, a turn and a move of a camera look the same.
 
 use std::ops::Range;
 
@@ -161,8 +161,8 @@ impl Changed {
         upper_median(all.iter().map(off_m).collect())
     }
 
-    /// Mean cost of these distances, 0 to 1; `half_m` costs one half. Unlike the median, it distinguishes small errors of all from
-    /// large errors of some.
+    /// Mean cost of these distances, 0 to 1; `half_m` costs one half. Unlike the median, it distinguishes small errors
+    /// of all from large errors of some.
     pub(in crate::camera_agreement) fn mean_cost(&self, all: &[Observed], half_m: f64) -> f64 {
         let cost = |one: &Observed| {
             let at = self.linear(&one.place_m);

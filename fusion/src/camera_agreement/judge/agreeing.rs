@@ -14,7 +14,8 @@ const AGREES_M: f64 = 0.042;
 const AGREES_PX: f64 = 1.5;
 /// The same as a factor of the distance of the two cameras that agree best, because networks differ.
 const AGREES_FACTOR: f64 = 2.5;
-/// Cameras never agree if their lines of sight pass farther from each other than this, metres, unless their pixels are as wide.
+/// Cameras never agree if their lines of sight pass farther from each other than this, metres, unless their pixels are
+/// as wide.
 const NEVER_AGREES_M: f64 = 0.11;
 
 /// Cameras that show the same people.
@@ -99,7 +100,8 @@ impl Judge<'_> {
         }
     }
 
-    /// The largest set of cameras of a group that are linked by agreement; empty if no two agree, or if two sets are equally large.
+    /// The largest set of cameras of a group that are linked by agreement; empty if no two agree, or if two sets are
+    /// equally large.
     pub(super) fn taken_for_right(&self, group: &[usize]) -> Vec<usize> {
         let near = self.agreeing(&self.pairs, |camera| group.contains(&camera));
         let sets = linked(self.cameras.len(), near.into_iter());

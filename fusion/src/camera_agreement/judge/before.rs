@@ -1,5 +1,5 @@
-//! Results of earlier judgements of a venue. Later samples are mostly the same: they are kept for a minute and judged every few
-//! seconds.
+//! Results of earlier judgements of a venue. Later samples are mostly the same: they are kept for a minute and judged
+//! every few seconds.
 
 use super::super::samples::{Burst, PassSample, ResultCache};
 use super::super::time_shift::curves::BurstCosts;

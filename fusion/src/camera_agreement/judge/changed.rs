@@ -1,7 +1,7 @@
 //! Cameras that agree in one half of the time only: knocked, zoomed, refocused or exchanged while people were tracked.
 //!
-//! No single cause explains the whole time of such a camera. So each half is judged separately. A disagreement in one half and
-//! none in the other began or ended meanwhile.
+//! No single cause explains the whole time of such a camera. So each half is judged separately. A disagreement in one
+//! half and none in the other began or ended meanwhile.
 
 use std::mem::discriminant;
 
@@ -14,8 +14,9 @@ use super::super::samples::Samples;
 use super::Judge;
 use super::before::JudgedBefore;
 
-/// Shortest half, seconds, and fewest detection passes in it, of which there is one per second. Shorter halves may give false
-/// reports. With valid cameras of the Shelf, the sample and a dozen simulated scenes, no three, four or five passes in a row gave one.
+/// Shortest half, seconds, and fewest detection passes in it, of which there is one per second. Shorter halves may give
+/// false reports. With valid cameras of the Shelf, the sample and a dozen simulated scenes, no three, four or five
+/// passes in a row gave one.
 const MIN_HALF_S: f64 = 4.0;
 const MIN_HALF_PASSES: usize = 5;
 

@@ -1,14 +1,14 @@
-//! Whether keypoints are written in each other's place in all cameras: left and right of the legs, elbows and wrists, or the
-//! list of another program. Lines of sight meet as well as before, so only the bodies show it.
+//! Whether keypoints are written in each other's place in all cameras: left and right of the legs, elbows and wrists,
+//! or the list of another program. Lines of sight meet as well as before, so only the bodies show it.
 //!
 //! ```text
 //!   e(o) = mean over bones of |log(l / r) - median| + W (sum over pairs of max(0, -cos) + max(0, -n))
 //! ```
 //!
-//! o is an order of keypoints, l a bone's length with it, and r this length in statures. The median is over the bones, so that size
-//! does not count. A pair is two lines from left to right that point the same way in people, such as hips and shoulders; cos is the
-//! cosine between them. n is how far the nose is ahead of the shoulders. Each body on which lines of sight met votes for or against
-//! each order, relative to the order of the names.
+//! o is an order of keypoints, l a bone's length with it, and r this length in statures. The median is over the bones,
+//! so that size does not count. A pair is two lines from left to right that point the same way in people, such as hips
+//! and shoulders; cos is the cosine between them. n is how far the nose is ahead of the shoulders. Each body on which
+//! lines of sight met votes for or against each order, relative to the order of the names.
 
 use std::array::from_fn;
 
@@ -24,8 +24,9 @@ use crate::sightings::diagnosis::SightingDiagnosis;
 /// Fewest bodies, and detection passes with bodies, for a decision.
 const MIN_BODIES: usize = 10;
 const MIN_PASSES: usize = 5;
-/// Smallest share of bodies that must fit an order better than that of the names: among bodies that fit one of the two clearly
-/// better, and among all. With a bent arm the wrist is as far from the shoulder as the elbow, so many bodies are undecided.
+/// Smallest share of bodies that must fit an order better than that of the names: among bodies that fit one of the two
+/// clearly better, and among all. With a bent arm the wrist is as far from the shoulder as the elbow, so many bodies
+/// are undecided.
 const MIN_SHARE_OF_DECIDED: f64 = 0.85;
 const MIN_SHARE_OF_ALL: f64 = 0.4;
 /// Difference of costs from which a body fits one order clearly better.
@@ -37,8 +38,8 @@ const MAX_MEAN_COST: f64 = 0.3;
 const MAX_BONE_COST: f64 = 0.7;
 /// W: the cost of a pair that points the other way.
 const PAIR_COST: f64 = 0.25;
-/// Smallest share of bodies with the nose behind the shoulders if left and right are exchanged. In valid recordings (the sample, the
-/// Shelf, the treadmill) it was ahead in 98 to 100 %.
+/// Smallest share of bodies with the nose behind the shoulders if left and right are exchanged. In valid recordings
+/// (the sample, the Shelf, the treadmill) it was ahead in 98 to 100 %.
 const MIN_BEHIND_SHARE: f64 = 0.85;
 /// Bones that a body must show with an order to be compared.
 const MIN_BONES: usize = 5;
@@ -309,8 +310,8 @@ impl Votes {
     }
 }
 
-/// Whether left and right are exchanged in the keypoints of all cameras: with the left shoulder taken for the right one, noses
-/// are behind shoulders.
+/// Whether left and right are exchanged in the keypoints of all cameras: with the left shoulder taken for the right
+/// one, noses are behind shoulders.
 pub(in crate::camera_agreement) fn are_sides_exchanged(sighted: &SightingDiagnosis) -> bool {
     let all = sighted.noses_ahead + sighted.noses_behind;
     all >= MIN_BODIES as u64

@@ -5,8 +5,8 @@ use crate::camera_agreement::report::DisagreementCause;
 use crate::camera_agreement::samples::LEAST_BURSTS_S;
 use crate::camera_agreement::time_shift::LATE_TICKS;
 
-/// Smallest lateness that is reported from sightings, ticks and seconds: they have no time within a tick, and only some poses are
-/// stored.
+/// Smallest lateness that is reported from sightings, ticks and seconds: they have no time within a tick, and only some
+/// poses are stored.
 const MIN_POSE_LATE_TICKS: f64 = 1.2;
 const MIN_POSE_LATE_S: f64 = 0.05;
 /// Largest share of the cost that a shift of few ticks may leave.
@@ -78,8 +78,8 @@ impl Judge<'_> {
         }
     }
 
-    /// Cameras that drift or are late. A camera that was compared with a wrong one seems a little late, so it must be clearly
-    /// late if anything else is found.
+    /// Cameras that drift or are late. A camera that was compared with a wrong one seems a little late, so it must be
+    /// clearly late if anything else is found.
     pub(super) fn find_late(&self, findings: &mut Findings) {
         let unexplained = findings.unexplained();
         let is_all = unexplained.len() == self.cameras.len();
@@ -108,8 +108,8 @@ impl Judge<'_> {
         self.is_clearly_late(camera) || self.drifts[camera].is_some()
     }
 
-    /// By how many ticks `camera` is late, to a hundredth; `None` if people moved too little, or if two halves of the keypoints
-    /// differ.
+    /// By how many ticks `camera` is late, to a hundredth; `None` if people moved too little, or if two halves of the
+    /// keypoints differ.
     pub(super) fn known_late(&self, camera: usize) -> Option<f64> {
         let shift = self.shifts[camera].filter(|shift| shift.is_sharp)?;
         if self.shown_s(camera) < LEAST_BURSTS_S {

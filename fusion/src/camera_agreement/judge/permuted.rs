@@ -1,8 +1,8 @@
 //! Whether three cameras or more have each other's sources, in a cycle: each fits the calibration of the next.
 //!
 //! If none of them has its own calibration, there is no valid camera to compare the others with. So all orders of their
-//! calibrations are tried, and the one with which lines of sight meet best is taken, if it is clearly the best. Cameras that
-//! stand symmetrically and are exchanged along the symmetry cannot be detected: the world is only turned.
+//! calibrations are tried, and the one with which lines of sight meet best is taken, if it is clearly the best. Cameras
+//! that stand symmetrically and are exchanged along the symmetry cannot be detected: the world is only turned.
 
 use std::collections::BTreeMap;
 

@@ -8,7 +8,7 @@ use super::super::frozen::frozen_since;
 use super::super::geometry::SightLines;
 use super::super::lens::distortion::distortion;
 use super::super::lens::focal_lengths::focal_lengths;
-use super::super::lens::kind::called_fisheyes;
+use super::super::lens::kind::false_fisheyes;
 use super::super::report::DisagreementCause;
 use super::super::samples::SeenBody;
 use super::super::time_shift::silent::silences;
@@ -90,12 +90,12 @@ impl Judge<'_> {
 
     /// Cameras that are calibrated as fisheyes and are none: one of them, or all. Other searches find a fisheye that is not
     /// calibrated as one, because they change a lens as much.
-    pub(super) fn find_called_fisheyes(&self, findings: &mut Findings) {
+    pub(super) fn find_false_fisheyes(&self, findings: &mut Findings) {
         if !self.lines.iter().any(SightLines::is_fisheye) {
             return;
         }
         let points = self.points_of_moving();
-        let cameras = points.and_then(|points| called_fisheyes(points, &self.models));
+        let cameras = points.and_then(|points| false_fisheyes(points, &self.models));
         let is_free = |cameras: &Vec<usize>| !cameras.iter().any(|&of| findings.is_explained(of));
         if let Some(cameras) = cameras.filter(is_free) {
             let cause = DisagreementCause::LensKind { fisheye: false };
@@ -103,7 +103,8 @@ impl Judge<'_> {
         }
     }
 
-    /// Other lenses, of one camera or of all. It runs only if nothing else is found, because other mistakes bend lines of sight, too.
+    /// Other lenses, of one camera or of all. It runs only if nothing else is found, because other mistakes bend lines
+    /// of sight, too.
     pub(super) fn find_other_lenses(&self, findings: &mut Findings) {
         let Some(points) = self.points_of_moving().filter(|_| findings.all.is_empty()) else {
             return;
@@ -149,8 +150,8 @@ mod tests {
         assert_eq!(hall.causes(), []);
     }
 
-    /// The hall looks nearly the same from the opposite camera, so a turned camera fits the calibration of that camera better than
-    /// its own. Once it was reported to show the pictures of the opposite camera.
+    /// The hall looks nearly the same from the opposite camera, so a turned camera fits the calibration of that camera
+    /// better than its own. Once it was reported to show the pictures of the opposite camera.
     #[test]
     fn a_turned_camera_does_not_show_the_pictures_of_the_opposite_one() {
         for camera in 0..4 {

@@ -1,12 +1,13 @@
-//! Whether all cameras, or one, would agree if their keypoints were at other places in the pictures: found in smaller, cropped or
-//! stretched pictures, counted from below, or with x and y exchanged. Files of another program are like this, all in the same way.
+//! Whether all cameras, or one, would agree if their keypoints were at other places in the pictures: found in smaller,
+//! cropped or stretched pictures, counted from below, or with x and y exchanged. Files of another program are like
+//! this, all in the same way.
 //!
 //! ```text
 //!   u = S T u' + t       u': shown, u: true place, pixels; T: a turn by quarters or a reflection, S: a scale of x and y, t: a shift
 //! ```
 //!
-//! Keypoints that shrink to a point fit everywhere if cameras point at one place. So the distances of lines of sight are scaled as if
-//! each person were as large as people are.
+//! Keypoints that shrink to a point fit everywhere if cameras point at one place. So the distances of lines of sight
+//! are scaled as if each person were as large as people are.
 
 mod change;
 mod compared;
@@ -28,10 +29,11 @@ const MAX_AGREEING_BEFORE: f64 = 0.5;
 const MIN_AGREEING_AFTER: f64 = 0.75;
 /// Largest share of the cost that a change may leave.
 const MAX_COST_RATIO: f64 = 0.5;
-/// A change is the best of many, so it explains a little of anything. The cost of one in a single camera is multiplied by this.
+/// A change is the best of many, so it explains a little of anything. The cost of one in a single camera is multiplied
+/// by this.
 const HANDICAP_OF_ONE: f64 = 1.3;
-/// Smallest cost of the sightings of a single camera for a search. It is reached if half of the keypoints are as far off as a cost
-/// can express.
+/// Smallest cost of the sightings of a single camera for a search. It is reached if half of the keypoints are as far
+/// off as a cost can express.
 const MIN_COST_OF_ONE: f64 = 0.5;
 /// Valid extents of people, metres.
 const EXTENTS_M: std::ops::RangeInclusive<f64> = 0.9..=2.1;
@@ -117,8 +119,9 @@ impl Judge<'_> {
         })
     }
 
-    /// The change of the pictures of `camera` with the least cost relative to these `others`, and the share that it leaves of the
-    /// cost `as_it_is`; `None` if no change explains enough. One file may be of smaller pictures, or have x and y exchanged.
+    /// The change of the pictures of `camera` with the least cost relative to these `others`, and the share that it
+    /// leaves of the cost `as_it_is`; `None` if no change explains enough. One file may be of smaller pictures, or have
+    /// x and y exchanged.
     pub(in crate::camera_agreement) fn picture_of_one(
         &self,
         camera: usize,

@@ -4,16 +4,16 @@
 //!   y' = y (1 + k |y|²)        y: normalised, undistorted by the calibration; k: calibrated k1 less the true one, approximately
 //! ```
 //!
-//! People in the middle of a picture hardly show a distortion, less than the errors of networks. But networks err in all
-//! directions. So for each k the places of all keypoints are found again from all cameras, and the k with the least mean cost is
-//! taken. On valid real cameras it leaves 0.996 of the cost or more.
+//! People in the middle of a picture hardly show a distortion, less than the errors of networks. But networks err in
+//! all directions. So for each k the places of all keypoints are found again from all cameras, and the k with the least
+//! mean cost is taken. On valid real cameras it leaves 0.996 of the cost or more.
 
 use super::{LensPoints, minimum};
 
 /// The values of k from which the search starts.
 const CANDIDATES: [f64; 6] = [-0.8, -0.4, -0.2, 0.2, 0.4, 0.8];
-/// Smallest k that is reported, with the largest share of the cost that it may leave: a larger k may leave more. For valid cameras
-/// any k of 0.05 or larger left 0.995 and more.
+/// Smallest k that is reported, with the largest share of the cost that it may leave: a larger k may leave more. For
+/// valid cameras any k of 0.05 or larger left 0.995 and more.
 const REPORT_LIMITS: [(f64, f64); 2] = [(0.1, 0.985), (0.2, 0.99)];
 /// How many times as much as the next choice it must explain: a wrong lens also bends the places that other cameras share.
 const MIN_MARGIN: f64 = 1.5;

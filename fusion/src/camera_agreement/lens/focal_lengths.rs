@@ -1,14 +1,14 @@
-//! Whether lines of sight meet better if the focal lengths of all cameras change by one factor: another mode of the sensor, or
-//! pictures that were cropped or scaled.
+//! Whether lines of sight meet better if the focal lengths of all cameras change by one factor: another mode of the
+//! sensor, or pictures that were cropped or scaled.
 //!
 //! ```text
 //!   y' = y / f             y: normalised, by the calibration; f: true focal length as a factor of the calibrated one
 //!   r = f z |p - y'|       p: the place where lines of sight meet, in the picture; z: its depth with f = 1, metres
 //! ```
 //!
-//! A factor scales everything around the place at which all cameras point, or its depth if they stand side by side. Lines of
-//! sight meet there as well as before. So the cost uses distances in the pictures, in metres at the depth of people without the
-//! factor. These neither shrink nor grow with a scale that cannot be observed.
+//! A factor scales everything around the place at which all cameras point, or its depth if they stand side by side.
+//! Lines of sight meet there as well as before. So the cost uses distances in the pictures, in metres at the depth of
+//! people without the factor. These neither shrink nor grow with a scale that cannot be observed.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -16,8 +16,9 @@ use super::{LensPoints, MIN_POINTS, Point, Ray, cost, gaps_m, is_seen_widely, mi
 
 /// Logarithms of the factors from which the search starts.
 const LOG_CANDIDATES: [f64; 8] = [-0.7, -0.45, -0.22, -0.1, 0.1, 0.22, 0.45, 0.7];
-/// Smallest change that is reported, as a share, and the largest share of the cost that it may leave. On the Shelf, the sample and
-/// simulated scenes the best factor left 0.999 or more with valid cameras, and 0.92 or less if all focal lengths were 0.05 off.
+/// Smallest change that is reported, as a share, and the largest share of the cost that it may leave. On the Shelf, the
+/// sample and simulated scenes the best factor left 0.999 or more with valid cameras, and 0.92 or less if all focal
+/// lengths were 0.05 off.
 const MIN_CHANGE: f64 = 0.04;
 const MAX_COST_RATIO: f64 = 0.95;
 /// Largest share that it may leave to be reported instead of single cameras: on the Shelf 0.74 was left in such a case.

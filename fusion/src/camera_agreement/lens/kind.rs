@@ -23,7 +23,7 @@ const MAX_RATIO_TO_DISTORTION: f64 = 0.97;
 const MIN_MARGIN: f64 = 1.3;
 
 /// The cameras, one or all of those that are calibrated as fisheyes, that surely have ordinary lenses.
-pub(in crate::camera_agreement) fn called_fisheyes(
+pub(in crate::camera_agreement) fn false_fisheyes(
     points: &LensPoints,
     models: &[&CameraModel],
 ) -> Option<Vec<usize>> {

@@ -1,5 +1,5 @@
-//! Keypoints that cameras of three viewpoints or more show, and how well their lines of sight meet with other lenses: another
-//! `distortion` of one camera or of all, other `focal_lengths` of all, lenses of another `kind`.
+//! Keypoints that cameras of three viewpoints or more show, and how well their lines of sight meet with other lenses:
+//! another `distortion` of one camera or of all, other `focal_lengths` of all, lenses of another `kind`.
 
 pub(super) mod distortion;
 pub(super) mod focal_lengths;
@@ -23,15 +23,16 @@ const MAX_POINTS: usize = 1200;
 const MAX_OBSERVED: usize = 500;
 /// Fewest keypoints for a result.
 const MIN_POINTS: usize = 150;
-/// Fewest viewpoints that must show a keypoint: two lines of sight meet with many lenses, and cameras of one viewpoint add nothing.
+/// Fewest viewpoints that must show a keypoint: two lines of sight meet with many lenses, and cameras of one viewpoint
+/// add nothing.
 const MIN_VIEWPOINTS: usize = 3;
-/// Smallest distance that a person must have moved, metres. If people stay at one place, the errors of a network are constant, which
-/// looks like another lens (a k of 0.5 on a treadmill with valid cameras).
+/// Smallest distance that a person must have moved, metres. If people stay at one place, the errors of a network are
+/// constant, which looks like another lens (a k of 0.5 on a treadmill with valid cameras).
 const MOVED_M: f64 = 1.2;
 /// Share of a person's places on each side that count as outliers.
 const OUTLIER_SHARE: f64 = 0.05;
-/// Fewest common keypoints to assign a sighting to a person, and the distance that costs one half, metres: a camera that was turned
-/// by two degrees shows people as far off.
+/// Fewest common keypoints to assign a sighting to a person, and the distance that costs one half, metres: a camera
+/// that was turned by two degrees shows people as far off.
 const MIN_COMMON: usize = 5;
 const NEAR_M: f64 = 0.3;
 /// The next best sighting must cost so many times as much.
@@ -136,8 +137,8 @@ impl LensPoints {
         self.has_moved
     }
 
-    /// Median distance that people move between the pictures of a tick, metres. To be reported, a change must improve distances by
-    /// this in addition to other limits.
+    /// Median distance that people move between the pictures of a tick, metres. To be reported, a change must improve
+    /// distances by this in addition to other limits.
     pub(super) fn blur_m(&self) -> f64 {
         self.blur_m
     }
@@ -165,8 +166,8 @@ impl LensPoints {
         self.points.iter().filter(own).count()
     }
 
-    /// Mean cost of the lines of sight, 0 to 1, if another lens moves the place `y` of a camera to `changed(camera, y)`; `None` keeps
-    /// the `calibrated` line of sight.
+    /// Mean cost of the lines of sight, 0 to 1. Another lens moves the place `y` of a camera to `changed(camera, y)`;
+    /// `None` keeps the `calibrated` line of sight.
     fn mean_cost(
         &self,
         calibrated: &[Vec<Ray>],
@@ -208,7 +209,8 @@ fn cost(gap_m: f64) -> f64 {
     squared / (squared + COST_M * COST_M)
 }
 
-/// The change with the least `cost`, and this cost. The search starts from the `candidates`; the cost of no change is `before`.
+/// The change with the least `cost`, and this cost. The search starts from the `candidates`; the cost of no change is
+/// `before`.
 fn minimum(candidates: &[f64], cost: impl Fn(f64) -> f64, before: f64) -> (f64, f64) {
     let mut best = (0.0, before);
     let take = |best: &mut (f64, f64), change: f64| {
@@ -230,8 +232,8 @@ fn minimum(candidates: &[f64], cost: impl Fn(f64) -> f64, before: f64) -> (f64, 
     best
 }
 
-/// Distance that the most moving person covered, metres: the diagonal of the places of the middle of the body, without outliers. If
-/// few views show a person, a pose can be wrong by a metre at times.
+/// Distance that the most moving person covered, metres: the diagonal of the places of the middle of the body, without
+/// outliers. If few views show a person, a pose can be wrong by a metre at times.
 fn farthest_moved_m(samples: &Samples) -> f64 {
     let mut places: BTreeMap<u32, [Vec<f64>; 3]> = BTreeMap::new();
     for (person, body) in samples.poses.iter().flat_map(|posed| &posed.people) {
@@ -252,8 +254,8 @@ fn farthest_moved_m(samples: &Samples) -> f64 {
     diagonals_m.fold(0.0, f64::max)
 }
 
-/// Median distance that people move between the first and the last picture of a tick, metres: free-running cameras take them at
-/// different instants.
+/// Median distance that people move between the first and the last picture of a tick, metres: free-running cameras take
+/// them at different instants.
 fn blur_m(bursts: &[&Burst], samples: &Samples) -> f64 {
     let mut late: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
     for trail in bursts.iter().flat_map(|burst| &burst.trails) {
@@ -426,8 +428,8 @@ mod tests {
         }
     }
 
-    /// Once, live, the track of a man on a treadmill drifted away between the few ticks on which edges worked. He seemed to have moved
-    /// by four metres, and valid cameras were reported as turned.
+    /// Once, live, the track of a man on a treadmill drifted away between the few ticks on which edges worked. He
+    /// seemed to have moved by four metres, and valid cameras were reported as turned.
     #[test]
     fn coasting_and_outlier_poses_do_not_count_as_moving() {
         let mut samples = Samples::new(15.0, 2);

@@ -1,5 +1,5 @@
-//! Cameras whose keypoints are at the right places but have scores too low to count: written as one less the score, for example, or
-//! in another unit. Few keypoints of such a camera count, so later searches leave it out.
+//! Cameras whose keypoints are at the right places but have scores too low to count: written as one less the score, for
+//! example, or in another unit. Few keypoints of such a camera count, so later searches leave it out.
 
 use std::collections::BTreeMap;
 
@@ -8,14 +8,15 @@ use super::super::super::report::DisagreementCause;
 use super::super::super::samples::{MIN_SCORE, PassSample};
 use super::super::{Findings, Judge, MIN_KEYPOINTS};
 
-/// Smallest share of the bodies of a camera that have mostly low scores. With valid scores it was 0.03 on the Shelf, and 0 on the
-/// sample and four simulated scenes.
+/// Smallest share of the bodies of a camera that have mostly low scores. With valid scores it was 0.03 on the Shelf,
+/// and 0 on the sample and four simulated scenes.
 const MIN_LOW_BODIES_SHARE: f64 = 0.7;
-/// Fewest such bodies, and shortest time from the first to the last, seconds: people who step into a picture are half in it for a
-/// moment.
+/// Fewest such bodies, and shortest time from the first to the last, seconds: people who step into a picture are half
+/// in it for a moment.
 const MIN_BODIES: usize = 6;
 const MIN_SPAN_S: f64 = 1.0;
-/// Smallest share of low scores among their keypoints: if the legs of a person are hidden, half of the keypoints are guesses.
+/// Smallest share of low scores among their keypoints: if the legs of a person are hidden, half of the keypoints are
+/// guesses.
 const MIN_LOW_KEYPOINTS_SHARE: f64 = 0.66;
 /// Smallest share of the other cameras that must agree with one if keypoints of any score count.
 const MIN_AGREEING_SHARE: f64 = 0.5;

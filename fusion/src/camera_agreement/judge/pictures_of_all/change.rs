@@ -145,7 +145,8 @@ impl Change {
     }
 }
 
-/// Candidates of the coarse search: usual changes of pictures before keypoints are found in them. `lines` are those of one camera.
+/// Candidates of the coarse search: usual changes of pictures before keypoints are found in them. `lines` are those of
+/// one camera.
 pub(super) fn candidates(lines: &SightLines) -> Vec<Change> {
     let mut all = turned();
     let steps = |(from, to): (f64, f64), step: f64| {

@@ -17,8 +17,8 @@ const COARSE_KEYPOINT_STEP: usize = 3;
 /// Distances that cost one half in the coarse search and in the refinements, metres.
 const COARSE_HALF_COST_M: f64 = 0.4;
 const FINE_HALF_COSTS_M: [f64; 3] = [0.3, 0.12, HALF_COST_M];
-/// The best candidates of each transform are refined: how many of each, with which first step, in how many rounds per distance, and
-/// the factor of the step after each round.
+/// The best candidates of each transform are refined: how many of each, with which first step, in how many rounds per
+/// distance, and the factor of the step after each round.
 const REFINED_PER_TRANSFORM: usize = 2;
 const FIRST_STEP: f64 = 0.06;
 const ROUNDS: usize = 5;
@@ -156,8 +156,8 @@ impl Compared<'_> {
         Some((change, cost))
     }
 
-    /// Mean cost of lines of sight with this change, 0 to 1, of each sighting with the one that fits it best. `None` if no sightings
-    /// can be compared.
+    /// Mean cost of lines of sight with this change, 0 to 1, of each sighting with the one that fits it best. `None` if
+    /// no sightings can be compared.
     pub(super) fn mean_cost(&self, change: &Change, precision: Precision) -> Option<f64> {
         let (mut sum, mut n) = (0.0, 0);
         for pass in &self.passes {
@@ -207,8 +207,8 @@ impl Compared<'_> {
     }
 }
 
-/// The true place of a keypoint that is shown at an undistorted pixel. The change applies to the distorted picture. `None` if the
-/// lens shows nothing there.
+/// The true place of a keypoint that is shown at an undistorted pixel. The change applies to the distorted picture.
+/// `None` if the lens shows nothing there.
 pub(super) fn corrected(
     pixel: [f64; 2],
     model: &CameraModel,
