@@ -44,9 +44,9 @@ pub struct EdgeArgs {
     /// Any program in the network can then read and send messages.
     #[arg(long)]
     pub allow_plaintext: bool,
-    /// Fetch the venue's files that differ from fusion first.
+    /// First fetch the venue's files from fusion.
     ///
-    /// The venue file, its calibration and its networks, signed.
+    /// The venue file, its calibration and its networks, signed. Files that are equal are not fetched.
     #[arg(long)]
     pub from_fusion: bool,
     /// With `--from-fusion`: the venue's name.
@@ -54,13 +54,15 @@ pub struct EdgeArgs {
     /// Needed while there is no venue file.
     #[arg(long, value_name = "NAME", value_parser = name, requires = "from_fusion")]
     pub venue_name: Option<String>,
-    /// With `--from-fusion`: accept files that fusion has since replaced.
+    /// With `--from-fusion`: accept older files.
+    ///
+    /// Files that fusion has since replaced.
     #[arg(long, requires = "from_fusion")]
     pub accept_older: bool,
-    /// Folder of this node's keys; the venue file's, if left out.
+    /// Folder of this node's keys; default: the venue's.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
-    /// Refuse to start unless the recordings contain these ticks.
+    /// Refuse recordings without all of these ticks.
     ///
     /// Half-open: B is excluded.
     #[arg(long, value_name = "A..B", value_parser = parse_range, allow_hyphen_values = true)]

@@ -1,6 +1,10 @@
 //! Bodies in everyday postures, and noise, for tests.
 
-#![allow(clippy::unwrap_used, reason = "a test that fails may panic")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::missing_panics_doc,
+    reason = "a test that fails may panic"
+)]
 
 use std::f64::consts::TAU;
 

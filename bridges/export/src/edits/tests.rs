@@ -244,7 +244,7 @@ fn names_with_direction_marks_are_read_but_not_added() {
     let line = "{\"at\":\"now\",\"edit\":\"name\",\"person\":1,\"name\":\"\u{5d3}\u{5e0}\u{5d4}\u{200f}\"}\n";
     assert!(EditList::parse(line, Path::new("edits.jsonl")).is_ok());
     let given = check_name("\u{5d3}\u{5e0}\u{5d4}\u{200f}").unwrap_err();
-    assert!(given.contains("not seen"), "{given}");
+    assert!(given.contains("invisible"), "{given}");
 }
 
 #[test]

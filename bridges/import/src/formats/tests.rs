@@ -207,7 +207,7 @@ fn other_categories_are_dropped_and_reported() {
     )
     .unwrap();
     assert_eq!(parsed.detections.n_people(), 0);
-    assert!(parsed.notes.iter().any(|note| note.contains("category")));
+    assert!(parsed.notes.iter().any(|note| note.contains("categor")));
 }
 
 /// One valid file of each format.
