@@ -85,8 +85,14 @@ pub(super) fn sentences(
 }
 
 fn drifts(camera: &str, ticks_per_minute: f64) -> (String, String) {
+    let change = ticks_per_minute.abs();
+    let side = if ticks_per_minute > 0.0 {
+        "later"
+    } else {
+        "earlier"
+    };
     (
-        format!("camera {camera} runs at another rate: it is {ticks_per_minute:.1} ticks later every minute"),
+        format!("camera {camera} runs at another rate: it is {change:.1} ticks {side} every minute"),
         "check the true rate of its video: convert it to the rate of the venue, or record all cameras at one rate"
             .to_owned(),
     )
