@@ -1,7 +1,8 @@
 //! Errors of written files.
 
+use std::fmt;
+use std::io;
 use std::path::PathBuf;
-use std::{fmt, io};
 
 use farfield_proto::tick::Tick;
 use serde::{Deserialize, Serialize};

@@ -353,7 +353,7 @@ fn feet_reveal_a_wrong_floor_height() {
             text.replace("2.4]", "2.4]\nfloor_m = 0.5")
         })
         .assert_printed(&[
-            "everybody who stands is 0.5",
+            "everybody who stands is 0.4",
             "m under the floor",
             "floor_m",
         ]);

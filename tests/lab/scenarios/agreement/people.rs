@@ -128,15 +128,15 @@ fn parameters_far_from_their_defaults_warn_before_a_run() {
     });
     let mut check = command();
     check.arg("check").arg(sample.path("venue.toml"));
-    let finished = finish(
+    let checked = finish(
         &check
             .arg("--out")
             .arg(sample.path("pictures"))
             .output()
             .unwrap(),
     );
-    assert_eq!(finished.code, 0, "{}", finished.stdout);
+    assert_eq!(checked.code, 0, "{}", checked.stdout);
     let line = "[tuning] lattice.min_support is 1.0, the default 0.08";
-    assert!(finished.stdout.contains(line), "{}", finished.stdout);
+    assert!(checked.stdout.contains(line), "{}", checked.stdout);
     assert_eq!(warnings(&finished.stdout), [""; 0], "{}", finished.stdout);
 }

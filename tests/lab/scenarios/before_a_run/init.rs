@@ -60,7 +60,7 @@ fn missing_input_is_refused_with_the_flag_or_the_names() {
         }
         assert!(!folder.path("venue.toml").exists());
     };
-    refused(&[], &["frames per second", "--rate"]);
+    refused(&[], &["no frame rate", "--rate"]);
     refused(
         &["--rate", "30", "--viewpoint", "a=nort-east"],
         &["did you mean `north-east`"],

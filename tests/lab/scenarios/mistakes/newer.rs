@@ -94,11 +94,7 @@ fn wrong_input_for_calibrations_is_refused() {
         usage(
             "the venue in place of a calibration",
             "calibrate convert venue.toml --out c",
-            &[
-                "venue.toml",
-                "no camera was found",
-                "its `calibration` names",
-            ],
+            &["venue.toml", "no camera was found", "`calibration` names"],
         ),
         usage(
             "an unknown format",

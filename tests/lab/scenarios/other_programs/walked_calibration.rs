@@ -178,7 +178,7 @@ fn people_without_a_known_length_or_a_rate_do_not_pass() {
     let done = walked.calibrate("people", &["--rate-hz", "10"]);
     assert_eq!(done.code, 1, "{}\n{}", done.stdout, done.stderr);
     assert!(
-        done.stdout.contains("The scale is unknown"),
+        done.stdout.contains("the length of a metre is unknown"),
         "{}",
         done.stdout
     );
