@@ -7,7 +7,6 @@ pub(super) mod resection;
 use self::displaced::displaced;
 use self::keypoint_order::{KeypointOrder, keypoint_order};
 use super::judge::{Findings, Group, Judge};
-use super::lens::LensPoints;
 use super::pairs::{CameraRays, PictureChange};
 use super::report::DisagreementCause;
 
@@ -42,7 +41,6 @@ impl Judge<'_> {
         &self,
         camera: usize,
         group: &Group,
-        points: Option<&LensPoints>,
         findings: &Findings,
     ) -> Option<(Vec<usize>, DisagreementCause)> {
         let others = group.references(camera);
@@ -67,14 +65,13 @@ impl Judge<'_> {
             candidates.push(Candidate::alone(camera, cause, ratio));
         }
         if let Some((ratio, cause)) = self.in_another_order(camera, &others, calibrated) {
-            let is_enough = ratio < MAX_COST_RATIO;
-            candidates.extend(is_enough.then(|| Candidate::alone(camera, cause, ratio)));
+            candidates.push(Candidate::alone(camera, cause, ratio));
         }
         if let Some((ratio, change)) = self.picture_of_one(camera, &others, calibrated) {
             let cause = DisagreementCause::OtherPicture { change };
             candidates.push(Candidate::alone(camera, cause, ratio));
         }
-        let points = points.filter(|_| !self.may_be_late(camera));
+        let points = self.points.as_ref().filter(|_| !self.may_be_late(camera));
         let displaced = points.and_then(|points| displaced(points, camera, &group.right));
         let displaced = displaced.filter(|it| it.is_gain);
         candidates.extend(displaced.map(|it| Candidate::alone(camera, it.cause, it.ratio)));

@@ -70,7 +70,7 @@ pub(super) struct Judge<'a> {
     /// Per camera its sightings relative to the poses of all.
     pub(super) fits: Vec<PoseFit>,
     /// Keypoints that three viewpoints show; `None` if they are too few.
-    points: Option<LensPoints>,
+    pub(super) points: Option<LensPoints>,
 }
 
 impl<'a> Judge<'a> {

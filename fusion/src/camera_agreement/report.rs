@@ -16,7 +16,7 @@ pub struct AgreementReport {
     /// More facts about each camera, by its name.
     #[serde(default)]
     pub details: BTreeMap<String, CameraDetails>,
-    /// Disagreements, the surest first.
+    /// Disagreements, in the order of the searches.
     pub disagreements: Vec<Disagreement>,
     /// The sightings of detection passes.
     #[serde(default)]
@@ -255,8 +255,8 @@ pub enum DisagreementCause {
     },
     /// All people stand under the floor, or all above it: the origin of the calibration, or the venue's `floor_m`.
     FloorHeight {
-        /// Height of the feet of standing people above the floor, metres, the median over time: of the highest person
-        /// if all are under the floor, of the lowest if all are above it.
+        /// Height of the feet of standing people above the floor, metres, from the lower quartile of each person's
+        /// lower ankle: of the highest person if all are under the floor, of the lowest if all are above it.
         above_m: f64,
         /// Height of the floor, world z, metres.
         floor_m: f64,

@@ -263,7 +263,7 @@ fn align_reference(shifts: &mut [Option<Shift>], others: &[Option<Shift>]) {
 }
 
 /// Whether two halves of the keypoints give the same shift, ticks.
-pub(super) fn is_same(first: f64, second: f64) -> bool {
+fn is_same(first: f64, second: f64) -> bool {
     let most = MAX_LATE_DIFFERENCE_TICKS.max(MAX_LATE_DIFFERENCE_RATIO * first.abs());
     (first - second).abs() <= most
 }

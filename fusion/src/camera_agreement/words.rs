@@ -65,7 +65,7 @@ pub(super) fn sentences(
         } => moved(first, distance_m, degrees),
         DisagreementCause::Frozen { since_tick } => frozen(first, since_tick, rate_hz),
         DisagreementCause::Silent { since_tick } => silent(first, since_tick, rate_hz),
-        DisagreementCause::LensKind { fisheye } => lens_kind(cameras, fisheye),
+        DisagreementCause::LensKind { .. } => lens_kind(cameras),
         DisagreementCause::WorldScale {
             stature_m,
             people,
@@ -161,30 +161,19 @@ fn moved(camera: &str, distance_m: f64, degrees: f64) -> (String, String) {
     )
 }
 
-fn lens_kind(cameras: &[String], fisheye: bool) -> (String, String) {
-    let (of, seems, fisheyes) = if let [camera] = cameras {
-        (format!("the lens of camera {camera}"), "seems", "fisheye")
-    } else {
-        let cameras = cameras.join(", ");
-        (
-            format!("the lenses of cameras {cameras}"),
-            "seem",
-            "fisheyes",
-        )
+fn lens_kind(cameras: &[String]) -> (String, String) {
+    let lenses = match cameras {
+        [camera] => format!("the lens of camera {camera} seems to be no fisheye"),
+        _ => format!(
+            "the lenses of cameras {} seem to be no fisheyes",
+            cameras.join(", ")
+        ),
     };
-    let (found, remedy) = if fisheye {
-        let a = if cameras.len() == 1 { "a " } else { "" };
-        (
-            format!("{of} {seems} to be {a}{fisheyes}, but the calibration has `fisheye = false`"),
-            "if the coefficients are of OpenCV's fisheye model (k1 k2 k3 k4), set `fisheye = true`; otherwise calibrate with that model",
-        )
-    } else {
-        (
-            format!("{of} {seems} to be no {fisheyes}, but the calibration has `fisheye = true`"),
-            "if the coefficients are of an ordinary lens (k1 k2 p1 p2 k3), set `fisheye = false`; otherwise calibrate again",
-        )
-    };
-    (found, remedy.to_owned())
+    (
+        format!("{lenses}, but the calibration has `fisheye = true`"),
+        "if the coefficients are of an ordinary lens (k1 k2 p1 p2 k3), set `fisheye = false`; otherwise calibrate again"
+            .to_owned(),
+    )
 }
 
 /// Largest change of a focal length, as a share, that a camera moved by a few decimetres explains as well.

@@ -91,7 +91,12 @@ pub(super) fn displaced(
         return None;
     }
     let before_m = calibrated.median_m(observed)?;
-    let weighed = Change::ALL.into_iter().filter_map(|change| {
+    let changes = if points.has_moved() {
+        &Change::ALL[..]
+    } else {
+        &Change::IN_PLACE[..]
+    };
+    let weighed = changes.iter().filter_map(|&change| {
         let fitted = Changed::fitted(observed, change)?;
         let [ratio, cost_ratio] = ratios_across_halves(observed, change, half_m)?;
         let n_parameters = change.parameters().len() as f64;

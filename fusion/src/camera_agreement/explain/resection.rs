@@ -59,6 +59,9 @@ impl Change {
         Self::Moved,
     ];
 
+    /// Those that people who stay at one place reveal, too: a lens and a way of some decimetres look alike there.
+    pub(in crate::camera_agreement) const IN_PLACE: [Self; 2] = [Self::FocalLength, Self::Turned];
+
     /// Its parameters.
     pub(in crate::camera_agreement) fn parameters(self) -> Range<usize> {
         match self {

@@ -75,7 +75,7 @@ impl Judge<'_> {
             if findings.is_explained(camera) {
                 continue;
             }
-            match self.explain(camera, group, self.points.as_ref(), findings) {
+            match self.explain(camera, group, findings) {
                 // If cameras stand opposite each other, two swaps may explain the same.
                 Some((cameras, DisagreementCause::Swapped)) if group.right.is_empty() => {
                     findings.leave_out(&cameras);

@@ -108,8 +108,7 @@ impl Judge<'_> {
         self.is_clearly_late(camera) || self.drifts[camera].is_some()
     }
 
-    /// By how many ticks `camera` is late, to a hundredth; `None` if people moved too little, or if two halves of the
-    /// keypoints differ.
+    /// By how many ticks `camera` is late, to a hundredth; `None` if people moved or were shown too little.
     pub(super) fn known_late(&self, camera: usize) -> Option<f64> {
         let shift = self.shifts[camera].filter(|shift| shift.is_sharp)?;
         if self.shown_s(camera) < LEAST_BURSTS_S {

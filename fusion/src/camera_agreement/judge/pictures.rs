@@ -20,13 +20,14 @@ const SAME_PX: f32 = 6.0;
 impl Judge<'_> {
     /// Two cameras whose keypoints are at the same pixels at every pass: one recording that was given for both.
     pub(super) fn find_same_pictures(&self, findings: &mut Findings) {
-        let all: Vec<usize> = (0..self.cameras.len()).collect();
+        let all = findings.unexplained();
         // If people stand in a ring, opposite cameras show the same, but their lines of sight meet those of the others.
         let right = self.taken_for_right(&all);
         let are_right = |a, b| right.len() > 2 && right.contains(&a) && right.contains(&b);
         // Two cameras on one pole may point the same way, so only cameras that stand apart are compared.
         for (a, b) in self.pairs_of(&all) {
-            if !are_right(a, b) && self.show_the_same(a, b) {
+            let is_free = !findings.is_explained(a) && !findings.is_explained(b);
+            if is_free && !are_right(a, b) && self.show_the_same(a, b) {
                 findings.add(self, &[a, b], DisagreementCause::SamePictures);
             }
         }

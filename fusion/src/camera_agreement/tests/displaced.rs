@@ -200,3 +200,32 @@ fn moves_of_all_cameras_are_not_reported_one_by_one() {
         "{causes:?}"
     );
 }
+
+#[test]
+fn a_zoom_or_a_turn_is_reported_if_people_stay_at_one_place() {
+    let zoomed = Mistake {
+        focal_factor: 0.8,
+        ..Mistake::default()
+    };
+    let turned = Mistake {
+        turned_deg: [0.0, 3.0, 0.0],
+        ..Mistake::default()
+    };
+    for mistake in [zoomed, turned] {
+        let hall = Hall {
+            still: true,
+            ..Hall::with(1, mistake)
+        };
+        let causes = hall.causes();
+        let [(cameras, cause)] = &causes[..] else {
+            panic!("{causes:?}");
+        };
+        assert_eq!(*cameras, names(&[1]));
+        let is_reported = match cause {
+            DisagreementCause::FocalLength { factor } => (factor - 0.8).abs() < 0.03,
+            DisagreementCause::Turned { degrees } => (degrees - 3.0).abs() < 0.3,
+            _ => false,
+        };
+        assert!(is_reported, "{cause:?}");
+    }
+}

@@ -66,7 +66,7 @@ pub(in crate::camera_agreement) struct Drift {
     pub(in crate::camera_agreement) is_significant: bool,
 }
 
-/// The drift per camera; `None` if its lateness is known in fewer than three bursts.
+/// The drift per camera; `None` if its lateness is known in fewer than three bursts, or if these lie too near together.
 pub(in crate::camera_agreement) fn drifts(
     bursts: &[BurstShifts],
     n_cameras: usize,

@@ -170,7 +170,7 @@ impl<'a> PoseSearch<'a> {
         let seen = self.sightings(KeypointHalf::All, self.passes);
         let at = |shift: isize| self.cost_at(&seen, shift);
         let mut costs = vec![f64::NAN; 2 * reach.cast_unsigned() + 1];
-        // The coarse shifts include no shift.
+        // The coarse shifts include a shift of 0.
         let first = reach.cast_unsigned() % COARSE_STEP;
         let coarse = (first..costs.len()).step_by(COARSE_STEP);
         let coarse: Vec<(usize, (f64, usize))> = coarse

@@ -39,8 +39,6 @@ pub(super) enum Transform {
     Squeezed,
     /// Cropped.
     Cut,
-    /// Several of these.
-    Mixed,
 }
 
 impl Transform {
@@ -54,12 +52,6 @@ impl Transform {
             Self::Scaled => &[[1.0, 1.0, 0.0, 0.0]],
             Self::Squeezed => &[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]],
             Self::Cut => &[[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
-            Self::Mixed => &[
-                [1.0, 1.0, 0.0, 0.0],
-                [1.0, -1.0, 0.0, 0.0],
-                [0.0, 0.0, 1.0, 0.0],
-                [0.0, 0.0, 0.0, 1.0],
-            ],
         }
     }
 }
@@ -80,7 +72,7 @@ pub(super) struct Change {
 
 impl Change {
     pub(super) const NONE: Self = Self {
-        transform: Transform::Mixed,
+        transform: Transform::Turned,
         transposed: false,
         flipped: [false; 2],
         scale: [1.0; 2],
@@ -101,15 +93,12 @@ impl Change {
         })
     }
 
-    /// A step along an axis of its transform, about the top left corner; for `Mixed`, about the middle of the picture.
+    /// A step along an axis of its transform, about the top left corner.
     pub(super) fn stepped(&self, along: &[f64; 4], by: f64) -> Self {
         let mut changed = *self;
         for axis in 0..2 {
             let factor = libm::exp(by * along[axis]);
             changed.scale[axis] *= factor;
-            if self.transform == Transform::Mixed {
-                changed.shift[axis] = factor * (self.shift[axis] - 0.5) + 0.5;
-            }
             changed.shift[axis] += by * along[2 + axis];
         }
         changed
