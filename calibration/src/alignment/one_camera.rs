@@ -52,7 +52,9 @@ pub struct OneCameraFit {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OneCameraError {
     /// Too few marks, lines not counted.
-    #[error("found {found} marks at known places, expected {LEAST_MARKS}; lines do not count")]
+    #[error(
+        "found {found} marks at known places, expected {LEAST_MARKS}; marks on lines are used in addition"
+    )]
     TooFew {
         /// The number of marks.
         found: usize,

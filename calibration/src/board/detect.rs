@@ -233,7 +233,8 @@ const STILL_PX: f64 = 1e-3;
 /// Least and largest half side of the window, pixels: smaller ones have too few gradients, in larger ones the lens bends lines.
 const WINDOW_PX: [f64; 2] = [2.0, 10.0];
 
-/// The corner near `start`; `start` itself if there is none within half the window. Within `reach_px` of the corner there is
+/// The corner near `start`: the point to which all gradients around it are perpendicular (Foerstner and Guelch 1987; `OpenCV`'s
+/// `cornerSubPix` is the same); `start` itself if there is none within half the window. Within `reach_px` of the corner there is
 /// nothing but its four squares.
 pub(super) fn refined(
     picture: &GrayPicture<'_>,

@@ -267,7 +267,7 @@ pub fn check_request(request: &PeopleRequest) -> Result<(), PeopleError> {
     check_anchors(&request.anchors).map_err(PeopleError::Request)
 }
 
-/// Ticks per second: frames of synchronised cameras are ticks; otherwise ten, or the rate of the slowest camera.
+/// Ticks per second: frames of synchronised cameras are ticks; otherwise the rate of the slowest camera, at most ten.
 fn ticks_hz(request: &PeopleRequest) -> f64 {
     if request.timing == Timing::Synchronised {
         return request.rate_hz;

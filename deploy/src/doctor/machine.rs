@@ -59,7 +59,7 @@ pub(super) fn check_machine(facts: &MachineFacts, report: &mut ReportLines) {
         report.warn(
             MACHINE,
             format!("{cores}, without AVX2 and FMA: inference takes several times as long"),
-            "use a processor newer than 2014; in a virtual machine, pass the host's processor through",
+            "use a processor from 2014 or later; in a virtual machine, pass the host's processor through",
         );
     }
     let Some(free_bytes) = facts.free_bytes else {

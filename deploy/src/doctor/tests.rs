@@ -370,7 +370,7 @@ fn nodes_of_other_versions_and_faulty_nodes_are_reported() {
         &[
             node("fusion", here, None),
             node("north", "0.0.9", None),
-            node("south", "", Some("not there")),
+            node("south", "", Some("not connected")),
         ],
         &mut report,
     );
@@ -382,7 +382,7 @@ fn nodes_of_other_versions_and_faulty_nodes_are_reported() {
     let expected = [
         format!("nodes of venue hall that run farfield {here}, as this machine: fusion"),
         format!("north runs farfield 0.0.9, this machine {here}"),
-        "south: not there".to_owned(),
+        "south: not connected".to_owned(),
     ];
     assert_eq!(texts, expected);
     assert_eq!(report.count(Warning), 2);

@@ -193,7 +193,7 @@ fn file(path: &Path) -> Option<Recording> {
     let kind = if is_video(path) {
         RecordingKind::Video
     } else if ending(path) == "jsonl" && name != "truth" && name != "poses" {
-        // Other names are those of truths and results in simulated venues and data sets.
+        // truth.jsonl and poses.jsonl are the truth and the results of simulated venues and data sets, not recordings.
         RecordingKind::Keypoints
     } else {
         return None;

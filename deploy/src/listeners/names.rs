@@ -286,7 +286,8 @@ fn add(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
     })
 }
 
-/// Adds a name guessed from body proportions, unless an operator set that name before, or the same guess was undone.
+/// Adds a name guessed from body proportions, unless an operator ever named the person, or the same guess was added before,
+/// even if it was undone.
 fn add_guess(file: &EditsFile, person: u32, name: &str) -> Result<(), String> {
     let list = file.read().map_err(|error| error.to_string())?;
     let identities = list.identities(None).map_err(|fault| fault.to_string())?;

@@ -16,7 +16,7 @@
 
 use farfield_proto::id::ViewpointIndex;
 
-/// s0: people seen, of [`BELIEVED`], by an unknown viewpoint.
+/// s0: people seen, of [`PRIOR_TOTAL`], by an unknown viewpoint.
 const PRIOR_SEEN: f64 = 3.0;
 /// n0.
 const PRIOR_TOTAL: f64 = 4.0;

@@ -190,7 +190,7 @@ const BYTES: usize = 16;
 /// Length of its text.
 const DIGITS: usize = 2 * BYTES;
 
-/// A token; its text has 32 hexadecimal digits.
+/// A token of 128 random bits; its text has 32 hexadecimal digits.
 #[derive(Clone)]
 pub struct Token(String);
 

@@ -83,7 +83,8 @@ impl BoardsArgs {
     /// The boards of the cameras `names` without a lens.
     ///
     /// # Errors
-    /// [`NodeError::Refused`] where a camera has no board, a board is invalid, or another lens file exists.
+    /// [`NodeError::Refused`] where a camera has no board, a board is invalid, or its lens file already exists and was made
+    /// from something else.
     pub(in crate::calibrate) fn stage(
         &self,
         names: &[&str],

@@ -228,7 +228,7 @@ mod tests {
         keeper.store(label(3), &[0; 100], now);
         assert_eq!(keeper.ring.len(), 2);
         let failure = handle.failure().unwrap();
-        assert!(failure.starts_with("1 ") && failure.contains("ring_mib"));
+        assert!(failure.starts_with("1 sets were not stored") && failure.contains("ring_mib"));
     }
 
     #[test]

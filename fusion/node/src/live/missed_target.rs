@@ -157,7 +157,10 @@ mod tests {
         };
         let new = missed(&all).new_words(&missed(&on_time()), true);
         assert_eq!(new.len(), 2, "{new:?}");
-        assert!(new[0].starts_with("at 97 % of the ticks"), "{new:?}");
+        assert!(
+            new[0].starts_with("at 97 % of the ticks no viewpoint's patches arrive within"),
+            "{new:?}"
+        );
         assert!(
             new[1].contains("near (97 % of the ticks), far (97 %"),
             "{new:?}"

@@ -304,6 +304,7 @@ pub(super) mod tests {
         other.network_hash = "n2+d1+onnxruntime".to_owned();
         let text = readiness.receive(&other).unwrap_err().to_string();
         assert!(text.contains("viewpoint b"), "{text}");
+        assert!(text.contains("--from-fusion"), "{text}");
         // Keypoint files need no network.
         other.network_hash = String::new();
         readiness.receive(&other).unwrap();

@@ -289,5 +289,5 @@ impl<'a> LockStepFusion<'a> {
 fn send(ends: &FusionEnds, message: FusionOutgoing) -> anyhow::Result<()> {
     ends.outgoing
         .try_send(message)
-        .map_err(|_| anyhow!("the send queue of the network is full"))
+        .map_err(|_| anyhow!("the network accepts no more messages"))
 }

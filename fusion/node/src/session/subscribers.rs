@@ -1,6 +1,6 @@
 //! Fusion's subscriptions, and the tasks that decode them. All messages published by other nodes enter here. Other data of other
-//! nodes: requests of edges (`node/handout.rs`), answers of their rings (`node/recording/filler.rs`), and the messages of the
-//! recorder node (`node/recorder_node.rs`).
+//! nodes: requests of edges (`handout.rs`), answers of their rings (`recording/filler.rs`), and the messages of the
+//! recorder node (`recorder_node.rs`).
 
 use std::sync::Arc;
 

@@ -15,7 +15,7 @@ const LONGEST_NAME = 64;
 /** Why a name cannot be in the file; `null` where it can. */
 export function problemOfName(name: string): string | null {
   if (name.trim() === "") return "It needs a name.";
-  if (/\p{Cc}/u.test(name)) return "A name is of characters that can be read.";
+  if (/\p{Cc}/u.test(name)) return "A name must consist of printable characters.";
   return new TextEncoder().encode(name).length > LONGEST_NAME ? `A name has at most ${LONGEST_NAME} letters.` : null;
 }
 

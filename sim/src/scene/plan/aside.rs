@@ -160,7 +160,7 @@ fn bump(aside: &mut [Vector2<f64>], push: &Push) {
     let here_s = push.sample as f64 / SAMPLES_PER_S;
     let mut half_s = HALF_S.max(HALF_S_PER_M * push.by_m.norm());
     if here_s > HALF_S {
-        // A unit that meets others at its start still starts at the position in the file.
+        // The encounter is after the start: the bump must end there, so that the unit starts at the position in the file.
         half_s = half_s.min(here_s);
     }
     for (i, aside) in aside.iter_mut().enumerate() {

@@ -343,7 +343,7 @@ fn people_reveal_a_calibration_in_another_unit() {
     }
     MistakenSample::new()
         .replace("calibration.toml", |text| scaled(text, 0.3))
-        .assert_printed(&["sizes that people do not have"]);
+        .assert_printed(&["implausible sizes"]);
 }
 
 #[test]

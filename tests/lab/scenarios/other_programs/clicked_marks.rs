@@ -257,7 +257,7 @@ fn clicked_marks_align_a_calibration() {
     assert_eq!(fit["state"], "fits", "{fit}");
     assert!(
         !fit["lines"].as_array().unwrap().is_empty(),
-        "the court is drawn over the picture"
+        "the court is drawn over the image"
     );
     let right = clicked["camera"][*first]["centre"].clone();
     clicked["camera"][*first]["centre"][0][0] = json!(right[0][0].as_f64().unwrap() + 45.0);
