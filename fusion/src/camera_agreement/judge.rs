@@ -232,7 +232,8 @@ impl<'a> Judge<'a> {
         self.points.as_ref().filter(|points| points.has_moved())
     }
 
-    /// All searches for causes, in their order: each leaves out cameras that an earlier one has explained.
+    /// All searches for causes of some cameras, in their order: each leaves out cameras that an earlier one has explained.
+    /// Causes of all cameras alike follow in [`super::AgreementSamples`].
     fn search(&self) -> Findings {
         let mut findings = Findings::new(self.cameras.len());
         self.find_low_scores(&mut findings);

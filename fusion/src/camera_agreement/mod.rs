@@ -191,15 +191,9 @@ impl AgreementSamples {
         }
         let mut votes = ExchangeVotes::default();
         report.sighted = self.sighted(&mut votes, before);
-        // People who stand symmetrically look mirrored to cameras with exchanged sources, too.
-        let are_exchanged = |it: &Disagreement| {
-            use DisagreementCause::{Permuted, Swapped};
-            matches!(it.cause, Swapped | Permuted)
-        };
-        let mut found = report.disagreements.iter();
-        let is_exchange = !report.disagreements.is_empty() && found.all(are_exchanged);
-        let picture = || judge.picture_of_all().filter(|_| !is_exchange);
-        let of_all = picture().or_else(|| self.exchanged_keypoints(&votes, &report));
+        let of_all = judge
+            .picture_of_all()
+            .or_else(|| self.exchanged_keypoints(&votes, &report));
         if let Some(cause) = of_all {
             self.report_for_all(cause, &mut report);
         }

@@ -2,7 +2,7 @@
 //!
 //! # Bodies from sightings of people outside the field, whose rays meet inside it
 //!
-//! Groups compete for their witnesses ([`crate::sightings::association`]) only with rays that meet
+//! Groups compete for their witnesses (module `association`) only with rays that meet
 //! in the field, because a crowd around it has far more rays that do not. So people who wait
 //! outside the field take no witness out of a group, and two views of two of them can form a body
 //! in the field. A small group is therefore compared with the others again, wherever rays meet.

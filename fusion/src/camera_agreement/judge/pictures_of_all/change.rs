@@ -79,6 +79,11 @@ impl Change {
         shift: [0.0; 2],
     };
 
+    /// Whether it makes a mirror image of the picture.
+    pub(super) fn is_reflection(&self) -> bool {
+        self.flipped[0] ^ self.flipped[1] ^ self.transposed
+    }
+
     /// The true place of a written one, pixels.
     pub(super) fn apply(&self, [x, y]: [f64; 2], size_px: &Vector2<f64>) -> [f32; 2] {
         let turned = if self.transposed { [y, x] } else { [x, y] };

@@ -11,6 +11,7 @@ use super::super::super::geometry::{SightLines, meeting};
 use super::super::super::pairs::{EXTENT_M, HALF_COST_M, SAME_PERSON_COST};
 use super::super::super::samples::SeenBody;
 use super::change::{Change, Transform, candidates};
+use crate::body::segment::nose_ahead;
 
 /// The coarse search compares every third keypoint.
 const COARSE_KEYPOINT_STEP: usize = 3;
@@ -23,6 +24,10 @@ const REFINED_PER_TRANSFORM: usize = 2;
 const FIRST_STEP: f64 = 0.06;
 const ROUNDS: usize = 5;
 const STEP_FACTOR: f64 = 0.8;
+
+/// Least noses ahead of the shoulders in a reflected picture, and how many times as many as are behind.
+const MIN_NOSES: usize = 3;
+const MIN_NOSES_RATIO: usize = 2;
 
 /// The sightings of a camera in a pass.
 pub(super) type Bodies<'a> = Vec<&'a SeenBody>;
@@ -83,8 +88,12 @@ impl Compared<'_> {
         };
         let refined = Transform::ALL.into_iter().flat_map(best_of);
         let refined = refined.filter_map(|change| self.refined(change));
-        let upright = refined.filter(|(change, _)| self.are_upright(change));
-        upright.min_by(|a, b| a.1.total_cmp(&b.1))
+        let are_people = |(change, _): &(Change, f64)| {
+            self.are_upright(change) && (!change.is_reflection() || self.have_noses_ahead(change))
+        };
+        refined
+            .filter(are_people)
+            .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// Whether most people with visible shoulders and ankles are upright.
@@ -110,6 +119,32 @@ impl Compared<'_> {
             }
         }
         2 * upright >= all
+    }
+
+    /// Whether the noses of most people are ahead of their shoulders. Two cameras with exchanged sources show a mirrored world,
+    /// too, if all stand symmetrically; there the noses are behind.
+    fn have_noses_ahead(&self, change: &Change) -> bool {
+        let (mut ahead, mut behind) = (0, 0);
+        for (centers_m, bodies) in self.met(change) {
+            let place_m = |name: &str| {
+                let keypoint = self.keypoints.index_of(name)?;
+                let [p, q] = bodies.each_ref().map(|(rays, _)| rays[keypoint]);
+                let [near_m, far_m] = meeting((centers_m[0], &p), (centers_m[1], &q))?.depths_m;
+                Some(0.5 * (centers_m[0] + p * near_m + centers_m[1] + q * far_m))
+            };
+            let both = |left: &str, right: &str| Some([place_m(left)?, place_m(right)?]);
+            let part = || {
+                let shoulders_m = both("left_shoulder", "right_shoulder")?;
+                let hips_m = both("left_hip", "right_hip")?;
+                nose_ahead(place_m("nose")?, shoulders_m, hips_m)
+            };
+            match part() {
+                Some(part) if part > 0.0 => ahead += 1,
+                Some(_) => behind += 1,
+                None => {}
+            }
+        }
+        ahead >= MIN_NOSES.max(MIN_NOSES_RATIO * behind)
     }
 
     /// People in two cameras: each sighting of one with the best fitting one of the other, and the camera centers, world,
