@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_fusion::pipeline::Pipeline;
 use farfield_node::clock;
 use farfield_node::log::start_log_with;
 use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_on_signal};
@@ -34,7 +35,6 @@ use super::session::link::FusionSession;
 use super::session::messages::RunMode;
 use super::session::other_fusion::{OtherFusionWatch, Place};
 use super::session::wiretap::{Wiretap, WiretapHandle};
-use farfield_fusion::pipeline::Pipeline;
 
 /// Time for the tasks to end.
 const DRAIN: Duration = Duration::from_secs(5);

@@ -6,6 +6,11 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
+use farfield_fusion::align::TickGroup;
+use farfield_fusion::camera_agreement::{AgreementReport, AgreementSamples};
+use farfield_fusion::identity::known::KnownPeople;
+use farfield_fusion::live::Micros;
+use farfield_fusion::pipeline::Pipeline;
 use farfield_node::clock;
 use farfield_node::histogram::Histogram;
 use farfield_proto::message::identity_event::IdentityEvent;
@@ -17,11 +22,6 @@ use tokio::sync::mpsc;
 use super::output::export_thread::ExportThread;
 use super::output::exporter::Exported;
 use super::session::messages::RunMode;
-use farfield_fusion::align::TickGroup;
-use farfield_fusion::camera_agreement::{AgreementReport, AgreementSamples};
-use farfield_fusion::identity::known::KnownPeople;
-use farfield_fusion::live::Micros;
-use farfield_fusion::pipeline::Pipeline;
 
 /// Interval of judging the agreement of the cameras in a live run.
 const AGREEMENT_EVERY: Duration = Duration::from_secs(10);

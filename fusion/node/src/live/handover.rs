@@ -7,14 +7,14 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use anyhow::Context as _;
+use farfield_fusion::export::unfinished::write_whole_again;
+use farfield_fusion::identity::known::KnownPeople;
 use farfield_node::process::say;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use serde::{Deserialize, Serialize};
 
 use super::start::LiveStart;
-use farfield_fusion::export::unfinished::write_whole_again;
-use farfield_fusion::identity::known::KnownPeople;
 
 /// Most bytes of the file.
 const MAX_BYTES: u64 = 1 << 20;

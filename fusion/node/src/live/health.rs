@@ -1,6 +1,8 @@
 //! Checks once a second in a live run: the plan of ticks, clocks, keys, agreement of the cameras, floods, other fusions, and the
 //! target latency.
 
+use farfield_fusion::live::Micros;
+use farfield_fusion::live::edge::Edge;
 use farfield_node::certificate::ending_notice;
 use farfield_node::clock;
 use farfield_node::process::say;
@@ -10,8 +12,6 @@ use farfield_proto::transport::FUSION;
 use super::missed_target::MissedTarget;
 use super::run::LiveFusion;
 use crate::recording::RecordingsOnDemand;
-use farfield_fusion::live::Micros;
-use farfield_fusion::live::edge::Edge;
 
 impl LiveFusion<'_> {
     /// Compares the clocks of all machines, and reports this machine's clock if it seems wrong.

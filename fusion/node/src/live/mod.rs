@@ -18,6 +18,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_fusion::identity::known::KnownPeople;
+use farfield_fusion::pipeline::Pipeline;
+use farfield_fusion::recording::channels;
+use farfield_fusion::recording::expected::ExpectedPeople;
 use farfield_node::clock;
 use farfield_node::process::{Ending, Managed, NodeError};
 use farfield_proto::id::SessionId;
@@ -42,10 +46,6 @@ use super::session::link::FusionEnds;
 use super::session::messages::RunMode;
 use super::session::other_fusion::OtherFusionWatch;
 use super::worker::FusionWorker;
-use farfield_fusion::identity::known::KnownPeople;
-use farfield_fusion::pipeline::Pipeline;
-use farfield_fusion::recording::channels;
-use farfield_fusion::recording::expected::ExpectedPeople;
 
 /// Time for the edges to deliver what the recording lacks, at the end of the run.
 const FILL_TIMEOUT: Duration = Duration::from_secs(30);

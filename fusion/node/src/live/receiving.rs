@@ -1,6 +1,12 @@
 //! Reception in a live run: every message counts for the clock and the delays of its edge. Sets of edges that take part wait for
 //! their tick.
 
+use farfield_fusion::align::Refused;
+use farfield_fusion::live::Micros;
+use farfield_fusion::live::cameras::in_words;
+use farfield_fusion::live::edge::Came;
+use farfield_fusion::live::gather::Taken;
+use farfield_fusion::live::membership::StatusChange;
 use farfield_node::process::say;
 use farfield_proto::message::live::EdgeLink;
 use farfield_proto::message::{PatchSet, SightingSet, Status};
@@ -12,12 +18,6 @@ use super::run::LiveFusion;
 use super::start::note_present;
 use crate::session::link::FusionEnds;
 use crate::session::messages::{Arrival, FusionIncoming, Liveliness};
-use farfield_fusion::align::Refused;
-use farfield_fusion::live::Micros;
-use farfield_fusion::live::cameras::in_words;
-use farfield_fusion::live::edge::Came;
-use farfield_fusion::live::gather::Taken;
-use farfield_fusion::live::membership::StatusChange;
 
 /// Late sets queued for the smoother's next step; if there are more, the newest are dropped.
 const MAX_LATE: usize = 256;

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
+use farfield_fusion::live::target_latency::PosedTick;
 use farfield_proto::id::ViewpointIndex;
 use farfield_proto::message::naming::NamingSet;
 use farfield_proto::message::parts::box_messages;
@@ -16,7 +17,6 @@ use super::run::LiveFusion;
 use crate::output::tally::PassedBytes;
 use crate::session::link::FusionEnds;
 use crate::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
-use farfield_fusion::live::target_latency::PosedTick;
 
 /// Weight of one tick in the mean time from a tick to sending its boxes.
 const WEIGHT: f64 = 0.05;

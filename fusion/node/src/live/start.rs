@@ -7,6 +7,9 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_fusion::live::membership::Membership;
+use farfield_fusion::live::tick_time::TickTime;
+use farfield_fusion::live::{Micros, SECOND_US};
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
 use farfield_proto::message::health::NodeHealth;
@@ -21,9 +24,6 @@ use super::super::status::own_status;
 use super::super::venue_checks::is_recorded;
 use super::LiveContext;
 use crate::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
-use farfield_fusion::live::membership::Membership;
-use farfield_fusion::live::tick_time::TickTime;
-use farfield_fusion::live::{Micros, SECOND_US};
 
 /// Interval of fusion's statuses before the ticks begin.
 const CALL_EVERY: Duration = Duration::from_millis(100);

@@ -1,5 +1,7 @@
 //! Fusion's status, once a second, with the links of all edges.
 
+use farfield_fusion::live::Micros;
+use farfield_fusion::live::membership::Membership;
 use farfield_proto::message::live::{EdgeLink, LiveStatus};
 use farfield_proto::message::{MAX_STAGES, Status};
 use farfield_proto::wire;
@@ -7,8 +9,6 @@ use farfield_proto::wire;
 use super::super::config::FusionConfig;
 use super::super::status::own_status;
 use super::run::LiveFusion;
-use farfield_fusion::live::Micros;
-use farfield_fusion::live::membership::Membership;
 
 impl LiveFusion<'_> {
     /// Fusion's status at `now_us`.

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::time::Duration;
 
+use farfield_fusion::export::summary::Summary;
+use farfield_fusion::live::tick_time::TickTime;
 use farfield_node::clock::VenueClock;
 use farfield_node::endpoints::Reach;
 use farfield_node::process::Managed;
@@ -28,8 +30,6 @@ use crate::session::interceptor::{Interceptor, Senders};
 use crate::session::link::FusionSession;
 use crate::session::other_fusion::OtherFusionWatch;
 use crate::session::wiretap::WiretapHandle;
-use farfield_fusion::export::summary::Summary;
-use farfield_fusion::live::tick_time::TickTime;
 
 /// Far above the time that a loaded machine needs; a longer wait is a failure.
 const PATIENCE: Duration = Duration::from_secs(40);

@@ -9,6 +9,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use farfield_fusion::pipeline::Pipeline;
 use farfield_node::clock;
 use farfield_node::process::{Ending, NodeError};
 use farfield_proto::id::SessionId;
@@ -29,7 +30,6 @@ use super::session::link::FusionEnds;
 use super::session::messages::{FusionIncoming, FusionOutgoing, Liveliness, RunMode};
 use super::status::failed_status;
 use super::worker::FusionWorker;
-use farfield_fusion::pipeline::Pipeline;
 
 pub(super) use self::run::Outside;
 

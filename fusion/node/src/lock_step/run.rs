@@ -7,6 +7,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use farfield_fusion::align::Gather;
 use farfield_node::process::Ending;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::message::naming::NamingSet;
@@ -28,7 +29,6 @@ use crate::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
 use crate::session::wiretap::CopiedStep;
 use crate::status::check;
 use crate::worker::{FusionWorker, Stepped};
-use farfield_fusion::align::Gather;
 
 /// Time for the reason of a departure to arrive after a node has left.
 const LAST_WORD: Duration = Duration::from_millis(500);

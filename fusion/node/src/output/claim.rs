@@ -10,11 +10,11 @@ use std::thread::{JoinHandle, sleep};
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, ensure};
+use farfield_fusion::export::salvage::salvage;
 use farfield_node::process::say;
 use tracing::warn;
 
 use super::made_folders::MadeFolders;
-use farfield_fusion::export::salvage::salvage;
 
 /// The parent of a venue's numbered folders, used if no folder is given.
 const PARENT: &str = "farfield-out";

@@ -7,6 +7,9 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use farfield_fusion::export::disk_policy::DiskPolicy;
+use farfield_fusion::export::run_clock::RunEnd;
+use farfield_fusion::export::summary::PosesSummary;
 use farfield_node::clock;
 use farfield_node::process::say;
 use farfield_proto::keypoints::KeypointSet;
@@ -17,9 +20,6 @@ use super::disk_watch::DiskWatch;
 use super::exporter::{Exported, Exporter};
 use super::pose_queue::{FinalPoses, PoseQueue, Taken};
 use crate::session::messages::RunMode;
-use farfield_fusion::export::disk_policy::DiskPolicy;
-use farfield_fusion::export::run_clock::RunEnd;
-use farfield_fusion::export::summary::PosesSummary;
 
 /// Interval of syncing the files of persons. `poses.jsonl`, which has the same data, is synced with every chunk.
 const SYNC_PERSONS: Duration = Duration::from_secs(10);

@@ -4,14 +4,14 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::{Child, Command};
 
+use farfield_fusion::export::fixture;
+use farfield_fusion::export::summary::Summary;
 use farfield_proto::message::PersonState::Tracked;
 use farfield_proto::tick::Tick;
 
 use super::super::summary_file::SummaryFile;
 use super::*;
 use crate::live::tests::venue;
-use farfield_fusion::export::fixture;
-use farfield_fusion::export::summary::Summary;
 
 /// Far more than a loaded machine delays one thread, and far less than the disk hangs here.
 const AT_ONCE: Duration = Duration::from_millis(500);

@@ -4,11 +4,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use farfield_proto::keypoints::KeypointSet;
-use farfield_proto::message::PoseSet;
-use farfield_proto::venue::Venue;
-
-use super::pose_queue::FinalPoses;
 use farfield_fusion::body::skeleton::RangeOfMotion;
 use farfield_fusion::export::Layout;
 use farfield_fusion::export::disk_policy::DiskPolicy;
@@ -18,6 +13,11 @@ use farfield_fusion::export::run_clock::RunEnd;
 use farfield_fusion::export::salvage::SMOOTH;
 use farfield_fusion::export::summary::{PersonSummary, PosesSummary};
 use farfield_fusion::export::unfinished::create_folder_on;
+use farfield_proto::keypoints::KeypointSet;
+use farfield_proto::message::PoseSet;
+use farfield_proto::venue::Venue;
+
+use super::pose_queue::FinalPoses;
 
 /// Writes poses as they become final.
 pub(crate) struct Exporter {

@@ -4,6 +4,11 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::time::Duration;
 
+use farfield_fusion::camera_agreement::AgreementReport;
+use farfield_fusion::export::summary::{
+    CameraSummary, DropSummary, RecordingSummary, StageTiming, Summary, TargetLatencySummary,
+    TickSpan, TimingSummary,
+};
 use farfield_node::process::Ending;
 use farfield_proto::message::{DETECTION_STAGE, SIGHTING_STAGE, StageTime, Status};
 use farfield_proto::tick::Tick;
@@ -12,11 +17,6 @@ use farfield_proto::venue::Venue;
 
 use super::exporter::Exported;
 use super::tally::Tally;
-use farfield_fusion::camera_agreement::AgreementReport;
-use farfield_fusion::export::summary::{
-    CameraSummary, DropSummary, RecordingSummary, StageTiming, Summary, TargetLatencySummary,
-    TickSpan, TimingSummary,
-};
 
 /// Facts of a finished run.
 pub(crate) struct RunFacts<'a> {

@@ -5,12 +5,12 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf, is_separator};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
+use farfield_fusion::export::EDITS;
 use farfield_node::clock;
 use farfield_node::files::obstacle_of_folder;
 
 use crate::output::claim::is_written_to;
 use crate::output::made_folders::MadeFolders;
-use farfield_fusion::export::EDITS;
 
 /// The name of a recording in the folder of its run.
 pub const OWN_RECORDING: &str = "recording.mcap";

@@ -4,6 +4,8 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use farfield_fusion::recording::channels::filled_topic;
+use farfield_fusion::recording::holes::Holes;
 use farfield_node::clock::VenueClock;
 use farfield_proto::id::{SessionId, ViewpointIndex};
 use farfield_proto::key::Keys;
@@ -21,8 +23,6 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::ConsolidationMode;
 
 use super::queue::RecordingQueue;
-use farfield_fusion::recording::channels::filled_topic;
-use farfield_fusion::recording::holes::Holes;
 
 /// Budget of a link for a venue without one, bytes per second: 1 Mbit/s.
 const DEFAULT_BUDGET_BYTES_PER_S: f64 = 125_000.0;

@@ -3,13 +3,13 @@
 use std::path::Path;
 use std::time::Duration;
 
+use farfield_fusion::align::TickGroup;
 use farfield_proto::calibration::Calibration;
 use farfield_proto::message::decision::Decision;
 use zenoh::query::Query;
 
 use super::super::queue::Note;
 use super::*;
-use farfield_fusion::align::TickGroup;
 
 const SESSION: SessionId = SessionId(7);
 /// Far above the time that a loaded machine needs.

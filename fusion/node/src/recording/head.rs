@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};
+use farfield_fusion::recording::writer::Head;
+use farfield_fusion::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE};
 use farfield_node::clock;
 use farfield_node::files::read_bounded;
 use farfield_proto::calibration::Calibration;
@@ -14,8 +16,6 @@ use farfield_proto::wire;
 
 use crate::output::exporter::layout;
 use crate::subjects::KnownSubjects;
-use farfield_fusion::recording::writer::Head;
-use farfield_fusion::recording::{CALIBRATION_FILE, CARD_FILE, MAX_ATTACHED_BYTES, VENUE_FILE};
 
 /// The head of a recording of `venue`, read from `path`, with its `subjects`; `recorder` is the name of the recording node.
 ///

@@ -9,6 +9,10 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock, Weak};
 use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow, ensure};
+use farfield_fusion::identity::known::KnownPeople;
+use farfield_fusion::recording::channels;
+use farfield_fusion::recording::expected::ExpectedPeople;
+use farfield_fusion::recording::writer::Head;
 use farfield_node::clock;
 use farfield_proto::id::SessionId;
 use farfield_proto::keypoints::KeypointSet;
@@ -25,10 +29,6 @@ use crate::output::disk_watch::DiskWatch;
 use crate::session::messages::RunMode;
 use crate::session::wiretap::{CopiedMessage, CopiedStep, Wiretap};
 use crate::subjects::KnownSubjects;
-use farfield_fusion::identity::known::KnownPeople;
-use farfield_fusion::recording::channels;
-use farfield_fusion::recording::expected::ExpectedPeople;
-use farfield_fusion::recording::writer::Head;
 
 /// The recordings on demand of a live run; one at a time.
 pub struct RecordingsOnDemand {

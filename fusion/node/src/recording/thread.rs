@@ -11,6 +11,12 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
+use farfield_fusion::export::disk_policy::DiskPolicy;
+use farfield_fusion::export::summary::RecordingSummary;
+use farfield_fusion::export::unfinished::PatientFile;
+use farfield_fusion::recording::channels::Content;
+use farfield_fusion::recording::holes::Holes;
+use farfield_fusion::recording::writer::{Head, PassedMessage, RecordingWriter};
 use farfield_node::clock::{self, VenueClock};
 use farfield_node::process::say;
 use farfield_proto::id::SessionId;
@@ -28,12 +34,6 @@ use super::retention::delete_old;
 use crate::output::disk_watch::DiskWatch;
 use crate::session::messages::RunMode;
 use crate::session::wiretap::Wiretap;
-use farfield_fusion::export::disk_policy::DiskPolicy;
-use farfield_fusion::export::summary::RecordingSummary;
-use farfield_fusion::export::unfinished::PatientFile;
-use farfield_fusion::recording::channels::Content;
-use farfield_fusion::recording::holes::Holes;
-use farfield_fusion::recording::writer::{Head, PassedMessage, RecordingWriter};
 
 /// Time after a tick was stepped until a missing set counts as a hole: longer than any live set takes.
 const SETTLE_S: f64 = 2.0;

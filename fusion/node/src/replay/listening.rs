@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use farfield_fusion::pipeline::StepOutput;
 use farfield_node::clock;
 use farfield_node::process::{NodeError, say};
 use farfield_proto::id::SessionId;
@@ -16,7 +17,6 @@ use tokio_util::sync::CancellationToken;
 
 use crate::listeners::{Listeners, OpenListeners, ReplayedRecording, RunAtItsStart};
 use crate::session::wiretap::CopiedMessage;
-use farfield_fusion::pipeline::StepOutput;
 
 /// Longest time between two published ticks.
 const LONGEST_TICK: Duration = Duration::from_secs(1);

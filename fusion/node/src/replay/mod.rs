@@ -11,6 +11,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
+use farfield_fusion::export::summary::EventCounts;
+use farfield_fusion::recording::replay::{PatchOwners, Replay};
 use farfield_node::clock;
 use farfield_node::log::start_log;
 use farfield_node::process::{
@@ -28,8 +30,6 @@ use super::output::claim::{FolderClaim, check_folder};
 use super::output::export_thread::{ExportThread, missing};
 use super::output::summary_file::SummaryFile;
 use super::session::messages::RunMode;
-use farfield_fusion::export::summary::EventCounts;
-use farfield_fusion::recording::replay::{PatchOwners, Replay};
 
 /// Arguments of a replay.
 #[derive(Debug, Clone, clap::Args)]

@@ -5,6 +5,12 @@ use std::io::BufReader;
 use std::path::Path;
 
 use anyhow::{Context as _, anyhow, bail, ensure};
+use farfield_fusion::identity::subjects::Subject;
+use farfield_fusion::pipeline::Pipeline;
+use farfield_fusion::recording::reader::{Recording, SessionPart};
+use farfield_fusion::recording::replay::{
+    Choice, PatchOwners, Replay, ReplayError, first_decision,
+};
 use farfield_node::process::{NodeError, say};
 use farfield_proto::id::SessionId;
 use farfield_proto::model_card::HeatmapCard;
@@ -18,12 +24,6 @@ use super::super::subjects::{load_subjects, recorded_subjects};
 use super::ReplayArgs;
 use super::report::FileFacts;
 use super::venue::{Changes, replay_venue};
-use farfield_fusion::identity::subjects::Subject;
-use farfield_fusion::pipeline::Pipeline;
-use farfield_fusion::recording::reader::{Recording, SessionPart};
-use farfield_fusion::recording::replay::{
-    Choice, PatchOwners, Replay, ReplayError, first_decision,
-};
 
 /// Time after the first boxes of a run in which no one is known yet, seconds: the edges have not detected people yet.
 const NONE_KNOWN_S: f64 = 0.5;

@@ -5,6 +5,11 @@ use std::io::{Read, Seek};
 use std::path::Path;
 
 use anyhow::Context as _;
+use farfield_fusion::camera_agreement::AgreementReport;
+use farfield_fusion::export::pose_files::Presence;
+use farfield_fusion::export::summary::{EventCounts, Summary, TickSpan, TimingSummary};
+use farfield_fusion::recording::reader::Recording;
+use farfield_fusion::recording::replay::{Choice, ReplayTally};
 use farfield_node::process::Ending;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
@@ -12,11 +17,6 @@ use serde::Serialize;
 
 use crate::output::exporter::Exported;
 use crate::output::summary;
-use farfield_fusion::camera_agreement::AgreementReport;
-use farfield_fusion::export::pose_files::Presence;
-use farfield_fusion::export::summary::{EventCounts, Summary, TickSpan, TimingSummary};
-use farfield_fusion::recording::reader::Recording;
-use farfield_fusion::recording::replay::{Choice, ReplayTally};
 
 /// Most statures in a line.
 const MAX_SHOWN: usize = 12;

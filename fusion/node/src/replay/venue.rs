@@ -4,6 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail, ensure};
+use farfield_fusion::recording::attached::Attached;
+use farfield_fusion::recording::{CALIBRATION_FILE, CARD_FILE, VENUE_FILE};
 use farfield_node::files::load_venue;
 use farfield_proto::calibration::{Calibration, text_of};
 use farfield_proto::model_card::HeatmapCard;
@@ -14,8 +16,6 @@ use farfield_proto::venue::parameters::{self, PARAMETERS, TABLES};
 use toml::{Table, Value};
 
 use super::super::config::load_card;
-use farfield_fusion::recording::attached::Attached;
-use farfield_fusion::recording::{CALIBRATION_FILE, CARD_FILE, VENUE_FILE};
 
 /// Changes of the operator.
 #[derive(Debug, Clone, Copy)]
