@@ -9,8 +9,8 @@ use crate::points::{
     Aligned, Apart, Bars, ClockUnit, Timing, anchor_findings, halves, knocked_at, suspects,
 };
 use crate::report::{
-    CameraReport, Cause, Finding, PictureCoverage, Report, empty_picture, finding,
-    other_focal_length, uncertain_place,
+    CameraReport, Cause, Finding, HalvesCheck, PictureCoverage, Report, empty_picture, finding,
+    halves_apart, other_focal_length, uncertain_place,
 };
 
 /// Residuals within this many standard deviations are used.
@@ -30,12 +30,11 @@ pub(super) const DOUBTFUL_CONTRADICTION: f64 = 0.25;
 /// The same for an error.
 const WRONG_CONTRADICTION: f64 = 0.5;
 /// The halves of the data disagree if they project the same points this many pixels apart. It is a warning if the distance
-/// also exceeds this many of their standard deviations.
+/// also exceeds their standard deviations.
 ///
 /// It is an error, whatever their uncertainty, if it also exceeds this many metres in the field (two standard deviations of a
 /// keypoint: 25 mm), or this many times the value of the median camera. Clothes and the side from which people are seen affect
 /// all cameras alike, and near the camera pixels are millimetres; a knock moves one camera.
-const HALVES_SIGMAS: f64 = 5.0;
 const DOUBTFUL_HALVES_PX: f64 = 2.0;
 const WRONG_HALVES_PX: f64 = 6.0;
 const WRONG_HALVES_M: f64 = 0.05;
@@ -237,41 +236,16 @@ fn camera_findings(report: &CameraReport, span_m: f64, cameras: usize) -> Vec<Fi
 
 /// The finding about the halves of the data; those of the median camera differ by `usual_px`.
 fn halves_finding(report: &CameraReport, usual_px: f64) -> Option<Finding> {
-    let name = &report.name;
-    let apart_px = report.halves_px;
-    // An infinite distance means that one half cannot project the points, which is an error. NaN means not compared.
-    if apart_px.is_nan() {
-        return Some(finding(
-            name,
-            Cause::HalvesUnchecked,
-            false,
-            "halves not checked: one of them has too few keypoints of it or of other cameras"
-                .to_owned(),
-            "15 keypoints or more in each half, in three cameras that do not stand on one line",
-            "let people walk in front of it at the beginning and at the end",
-        ));
-    }
-    // Each half has the standard deviation of the whole times the root of two, and there are two.
-    let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
-    let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
-    let is_odd = apart_px > WRONG_HALVES_RATIO * usual_px;
-    let is_wrong =
-        apart_px > WRONG_HALVES_PX && (is_odd || report.halves_across_m > WRONG_HALVES_M);
-    (is_wrong || (apart_px > DOUBTFUL_HALVES_PX && (is_far || is_turned))).then(|| {
-        finding(
-            name,
-            Cause::HalvesDisagree,
-            is_wrong,
-            format!(
-                "first and second half put it {:.3} m and {:.3} degrees apart, which moves its keypoints by {apart_px:.1} px, {:.0} mm",
-                report.halves_m,
-                report.halves_deg,
-                1000.0 * report.halves_across_m
-            ),
-            &format!("{DOUBTFUL_HALVES_PX:.1} px or less"),
-            "it was moved during the recording, its clock drifts, or its lens is not as given",
-        )
-    })
+    let is_odd = report.halves_px > WRONG_HALVES_RATIO * usual_px;
+    let is_far = report.halves_across_m > WRONG_HALVES_M;
+    let check = HalvesCheck {
+        doubtful_px: DOUBTFUL_HALVES_PX,
+        is_wrong: report.halves_px > WRONG_HALVES_PX && (is_odd || is_far),
+        what: "keypoints",
+        needed: "15 keypoints or more in each half, in three cameras that do not stand on one line",
+        remedy: "let people walk in front of it at the beginning and at the end",
+    };
+    halves_apart(report, &check)
 }
 
 /// The finding about a camera that fits only part of the time.

@@ -8,8 +8,8 @@ use super::request::{PointCamera, PointRequest};
 use crate::adjustment::{CameraState, Covariance, Problem};
 use crate::alignment::{Alignment, Anchors, Lost};
 use crate::report::{
-    CameraReport, Cause, Finding, PictureCoverage, Report, empty_picture, finding,
-    other_focal_length, uncertain_place,
+    CameraReport, Cause, Finding, HalvesCheck, PictureCoverage, Report, empty_picture, finding,
+    halves_apart, other_focal_length, uncertain_place,
 };
 
 /// Residuals within this many standard deviations are used.
@@ -19,8 +19,7 @@ const USUAL_SHARE: f64 = 0.8;
 /// A smaller share of used residuals is an error.
 const LEAST_SHARE: f64 = 0.6;
 /// The halves of the data disagree if they project the same points this many pixels apart. It is a warning if the distance
-/// also exceeds this many of their standard deviations.
-const HALVES_SIGMAS: f64 = 5.0;
+/// also exceeds their standard deviations.
 const DOUBTFUL_HALVES_PX: f64 = 1.5;
 /// The same for an error, whatever the standard deviations.
 const WRONG_HALVES_PX: f64 = 3.0;
@@ -235,39 +234,14 @@ fn camera_findings(report: &CameraReport, span_m: f64) -> Vec<Finding> {
 
 /// The finding about the halves of the data.
 fn halves_finding(report: &CameraReport) -> Option<Finding> {
-    let name = &report.name;
-    let apart_px = report.halves_px;
-    // An infinite distance means that one half cannot project the points, which is an error. NaN means not compared.
-    if apart_px.is_nan() {
-        return Some(finding(
-            name,
-            Cause::HalvesUnchecked,
-            false,
-            "halves not checked: one of them has too few sights of it or of other cameras"
-                .to_owned(),
-            "15 sights or more in each half (with a board: instants shared with another camera), in three cameras that do not stand on one line",
-            "carry the point in front of it at the beginning and at the end",
-        ));
-    }
-    // Each half has the standard deviation of the whole times the root of two, and there are two.
-    let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
-    let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
-    let is_wrong = apart_px > WRONG_HALVES_PX;
-    (is_wrong || (apart_px > DOUBTFUL_HALVES_PX && (is_far || is_turned))).then(|| {
-        finding(
-            name,
-            Cause::HalvesDisagree,
-            is_wrong,
-            format!(
-                "first and second half put it {:.3} m and {:.3} degrees apart, which moves its sights by {apart_px:.1} px, {:.0} mm",
-                report.halves_m,
-                report.halves_deg,
-                1000.0 * report.halves_across_m
-            ),
-            &format!("{DOUBTFUL_HALVES_PX:.1} px or less"),
-            "it was moved during the recording, its clock drifts, or its lens is not as given",
-        )
-    })
+    let check = HalvesCheck {
+        doubtful_px: DOUBTFUL_HALVES_PX,
+        is_wrong: report.halves_px > WRONG_HALVES_PX,
+        what: "sights",
+        needed: "15 sights or more in each half (with a board: instants shared with another camera), in three cameras that do not stand on one line",
+        remedy: "carry the point in front of it at the beginning and at the end",
+    };
+    halves_apart(report, &check)
 }
 
 /// Findings about cameras that fit better with another clock or focal length.

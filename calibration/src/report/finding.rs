@@ -87,6 +87,8 @@ const DOUBTFUL_FOCAL: f64 = 0.02;
 const WRONG_FOCAL: f64 = 0.06;
 /// Share of cells of a picture without sights above which there is a finding.
 const EMPTY: f64 = 0.6;
+/// The halves of the data disagree if they are this many standard deviations apart.
+const HALVES_SIGMAS: f64 = 5.0;
 
 /// The finding about an uncertain position, relative to `span_m`, the largest distance between cameras, metres.
 pub(crate) fn uncertain_place(report: &CameraReport, span_m: f64, remedy: &str) -> Option<Finding> {
@@ -117,6 +119,55 @@ pub(crate) fn other_focal_length(report: &CameraReport) -> Option<Finding> {
             ),
             "within a hundredth or two",
             "calibrate its lens again, at the zoom and focus that it has now",
+        )
+    })
+}
+
+/// What the halves of a camera's data are compared by.
+pub(crate) struct HalvesCheck<'a> {
+    /// Distance of the same points above which there is a warning, if it also exceeds the standard deviations, pixels.
+    pub(crate) doubtful_px: f64,
+    /// Whether it is an error, whatever the standard deviations.
+    pub(crate) is_wrong: bool,
+    /// What a camera sees of the object: its sights or keypoints.
+    pub(crate) what: &'a str,
+    /// What each half needs to be compared.
+    pub(crate) needed: &'a str,
+    /// The remedy if a half has too little.
+    pub(crate) remedy: &'a str,
+}
+
+/// The finding about the halves of the data.
+pub(crate) fn halves_apart(report: &CameraReport, check: &HalvesCheck<'_>) -> Option<Finding> {
+    let (apart_px, what) = (report.halves_px, check.what);
+    // An infinite distance means that one half cannot project the points, which is an error. NaN means not compared.
+    if apart_px.is_nan() {
+        return Some(finding(
+            &report.name,
+            Cause::HalvesUnchecked,
+            false,
+            format!("halves not checked: one of them has too few {what} of it or of other cameras"),
+            check.needed,
+            check.remedy,
+        ));
+    }
+    // Each half has the standard deviation of the whole times the root of two, and there are two.
+    let is_far = report.halves_m > HALVES_SIGMAS * 2.0 * report.position_sigma_m;
+    let is_turned = report.halves_deg > HALVES_SIGMAS * 2.0 * report.rotation_sigma_deg;
+    let is_doubtful = apart_px > check.doubtful_px && (is_far || is_turned);
+    (check.is_wrong || is_doubtful).then(|| {
+        finding(
+            &report.name,
+            Cause::HalvesDisagree,
+            check.is_wrong,
+            format!(
+                "first and second half put it {:.3} m and {:.3} degrees apart, which moves its {what} by {apart_px:.1} px, {:.0} mm",
+                report.halves_m,
+                report.halves_deg,
+                1000.0 * report.halves_across_m
+            ),
+            &format!("{:.1} px or less", check.doubtful_px),
+            "it was moved during the recording, its clock drifts, or its lens is not as given",
         )
     })
 }

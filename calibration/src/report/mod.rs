@@ -10,7 +10,9 @@ pub(crate) use field::field_camera;
 pub use field::{FIELD_SIGHT_PX, FieldReport};
 pub use field_map::{FieldCamera, FieldCell, FieldGrid, field_map};
 pub use finding::{Cause, Finding};
-pub(crate) use finding::{empty_picture, finding, other_focal_length, uncertain_place};
+pub(crate) use finding::{
+    HalvesCheck, empty_picture, finding, halves_apart, other_focal_length, uncertain_place,
+};
 
 /// Angles with a larger standard deviation are undetermined, degrees.
 const HALF_TURN_DEG: f64 = 180.0;
