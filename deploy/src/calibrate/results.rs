@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use farfield_calibration::points::PointCalibration;
 use farfield_calibration::report::{CameraReport, FieldReport, PeopleReport, PictureEdge};
-use farfield_node::process::{EXIT_FAILED, NodeError, say};
+use farfield_node::process::{EXIT_FAILED, LineKind, NodeError, say_as};
 use farfield_proto::calibration::Calibration;
 use farfield_proto::plausibility;
 use farfield_proto::venue::Venue;
@@ -208,7 +208,7 @@ pub(super) fn write_results(
     if judged.passes() {
         return Ok(Judged::Passes);
     }
-    say(format_args!("error: {DOES_NOT_PASS}"));
+    say_as(LineKind::Error, format_args!("{DOES_NOT_PASS}"));
     Ok(Judged::Fails)
 }
 

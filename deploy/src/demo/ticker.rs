@@ -3,8 +3,8 @@
 
 use std::time::Duration;
 
-use farfield_edge::pipeline::BeyondView;
 use farfield_fusion_node::{Body, Progress};
+use farfield_node::process::LineKind;
 use farfield_proto::tick::Tick;
 use tokio::time::Instant;
 
@@ -87,10 +87,10 @@ impl Follow for DemoTicker<'_> {
         self.pending = Some(progress.clone());
     }
 
-    /// Of the nodes' lines the demo prints only the one on unused parts of a camera's image, which the author of a
+    /// Of the nodes' lines the demo prints only those on unused parts of a camera's pictures, which the author of a
     /// scene needs.
-    fn wants(&self, line: &str) -> bool {
-        line.contains(BeyondView::WORDS)
+    fn wants(&self, kind: LineKind) -> bool {
+        kind == LineKind::UnusedPictures
     }
 
     fn finish(&mut self) {

@@ -14,7 +14,7 @@ use farfield_fusion_node::{
     of_values,
 };
 use farfield_node::files::{load_venue, parse_venue};
-use farfield_node::process::{NodeError, say};
+use farfield_node::process::{LineKind, NodeError, say, say_as};
 use farfield_page::server::HasKeys;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Source, Venue};
@@ -128,7 +128,7 @@ pub(crate) fn check(args: RunArgs) -> Result<(RunPlan, Networks), NodeError> {
     check_viewpoints(&venue, &args.venue).map_err(NodeError::refused)?;
     check_calibration(&venue, &venue.calibration_path)?;
     if let Some(words) = far_parameters(&venue.parameters) {
-        say(format_args!("doubtful: {words}; {FAR_REMEDY}"));
+        say_as(LineKind::FileFinding, format_args!("{words}; {FAR_REMEDY}"));
     }
     let infos = probe_sources(&sources, &venue, &venue.cameras).map_err(NodeError::refused)?;
     let pace = if args.live {
@@ -226,25 +226,22 @@ fn check_rates(
     ticks: &Range<Tick>,
 ) -> Result<(), NodeError> {
     if let Some(words) = too_short(ticks.end - ticks.start, venue.rate_hz, &venue.given_persons) {
-        say(format_args!("doubtful: {words}; {LONGER}"));
+        say_as(LineKind::FileFinding, format_args!("{words}; {LONGER}"));
     }
     for rate in odd_rates(infos) {
         if rate.drift_ticks(ticks.end - ticks.start) > MAX_DRIFT_TICKS {
             let (problem, remedy) = (rate.problem(), rate.remedy());
             return Err(NodeError::Refused(anyhow!("{problem}; {remedy}")));
         }
-        say(format_args!("doubtful: {}", rate.problem()));
+        say_as(LineKind::FileFinding, format_args!("{}", rate.problem()));
     }
     for held in held_keypoints(infos, venue.rate_hz) {
-        say(format_args!(
-            "doubtful: {}; {}",
-            held.problem(),
-            held.remedy()
-        ));
+        let (problem, remedy) = (held.problem(), held.remedy());
+        say_as(LineKind::FileFinding, format_args!("{problem}; {remedy}"));
     }
     if let Some(leaping) = leaping_keypoints(infos) {
         let (problem, remedy) = (leaping.problem(), LeapingKeypoints::REMEDY);
-        say(format_args!("doubtful: {problem}; {remedy}"));
+        say_as(LineKind::FileFinding, format_args!("{problem}; {remedy}"));
     }
     Ok(())
 }

@@ -7,16 +7,16 @@ use std::process::{ExitStatus, Stdio};
 
 use anyhow::Context as _;
 use farfield_fusion_node::{OWN_RECORDING, Report};
+use farfield_node::process::{LineKind, NodeLine};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, BufReader};
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::sync::mpsc;
-use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::debug;
 
 use super::check::{RunPace, RunPlan};
-use super::node_lines::{FinalError, LineDetail};
+use super::node_lines::{LineDetail, read};
 use super::progress::ProgressDetail;
 use crate::listeners::page_access;
 
@@ -32,8 +32,8 @@ const QUEUE: usize = 256;
 pub(super) enum NodeEvent {
     /// A report of fusion.
     Report(Report),
-    /// A line from the standard error of a node.
-    Line { node: String, line: String },
+    /// A message from the standard error of a node.
+    Line { node: String, line: NodeLine },
     /// A node has ended.
     Exited(Exit),
 }
@@ -43,11 +43,10 @@ pub(super) enum NodeEvent {
 pub(super) struct Exit {
     pub(super) node: String,
     pub(super) status: Option<ExitStatus>,
-    /// The error with which it ended. If there was none, the lines that it wrote before the run began. Both are also
-    /// printed.
-    pub(super) error: Vec<String>,
+    /// The error with which it ended. If there was none, what it wrote before the run began.
+    pub(super) error: String,
     /// The last error after which it kept running. It was printed.
-    pub(super) survived_error: Vec<String>,
+    pub(super) survived_error: String,
 }
 
 impl Exit {
@@ -69,15 +68,13 @@ impl Exit {
         } else {
             &self.error
         };
-        let error = error.join("\n");
-        let error = error.trim().strip_prefix("error: ").unwrap_or(error.trim());
         match self.status {
             Some(status) if error.is_empty() => status.signal().map_or_else(
                 || status.to_string(),
                 |signal| format!("killed by signal {signal}"),
             ),
             None if error.is_empty() => "its exit status is unknown".to_owned(),
-            _ => error.to_owned(),
+            _ => error.clone(),
         }
     }
 }
@@ -181,7 +178,8 @@ impl Children {
 fn node(plan: &RunPlan, kind: &str) -> anyhow::Result<Command> {
     let binary = std::env::current_exe().context("finding this program's own file")?;
     let mut command = Command::new(binary);
-    command.arg(kind).arg(&plan.venue_path).arg("--managed");
+    command.arg(kind).arg(&plan.venue_path);
+    command.args(["--managed", "--lines-for-parent"]);
     if let Some(ticks) = &plan.ticks {
         let ticks = format!("{}..{}", ticks.start, ticks.end);
         command.arg("--ticks").arg(ticks);
@@ -210,7 +208,7 @@ async fn follow(
     let errors = async {
         match stderr {
             Some(stderr) => forward_errors(&node, stderr, detail, &events).await,
-            None => [Vec::new(), Vec::new()],
+            None => LastErrors::default(),
         }
     };
     let wait = async {
@@ -222,13 +220,13 @@ async fn follow(
             }
         }
     };
-    let ((), [error, survived_error], status) = tokio::join!(reports, errors, wait);
+    let ((), errors, status) = tokio::join!(reports, errors, wait);
     debug!(node, status = ?status.map(|it| it.to_string()), "node ended");
     let exit = Exit {
         node,
         status,
-        error,
-        survived_error,
+        error: errors.last,
+        survived_error: errors.survived,
     };
     drop(events.send(NodeEvent::Exited(exit)).await);
 }
@@ -243,37 +241,35 @@ async fn forward_reports(stdout: impl AsyncRead + Unpin, events: &mpsc::Sender<N
     }
 }
 
-/// Forwards the error output of a node as events. Returns its final error and the last error that it survived.
+/// The last error that a node survived, and the error with which it ended; empty if there was none.
+#[derive(Debug, Default)]
+struct LastErrors {
+    survived: String,
+    last: String,
+}
+
+/// Forwards the messages of a node as events, but keeps the error with which it ends: the verdict on the run contains it.
 async fn forward_errors(
     node: &str,
     stderr: impl AsyncRead + Unpin,
     detail: LineDetail,
     events: &mpsc::Sender<NodeEvent>,
-) -> [Vec<String>; 2] {
-    let event = |line| NodeEvent::Line {
-        node: node.to_owned(),
-        line,
-    };
-    let mut last = FinalError::new(detail);
+) -> LastErrors {
+    let mut errors = LastErrors::default();
     let mut lines = BufReader::new(stderr).lines();
-    loop {
-        let expires_at = last.expires_at();
-        let line = tokio::select! {
-            line = lines.next_line() => line,
-            () = sleep_until(expires_at.unwrap_or_else(Instant::now)), if expires_at.is_some() => {
-                for line in last.expire() {
-                    drop(events.send(event(line)).await);
-                }
-                continue;
-            }
-        };
-        let Ok(Some(line)) = line else {
-            return last.at_exit();
-        };
-        if let Some(line) = last.take(line, Instant::now()) {
-            drop(events.send(event(line)).await);
+    while let Ok(Some(line)) = lines.next_line().await {
+        let line = read(line);
+        match line.kind {
+            LineKind::LastError => errors.last.clone_from(&line.text),
+            LineKind::Error => errors.survived.clone_from(&line.text),
+            _ => {}
+        }
+        if line.kind != LineKind::LastError || detail == LineDetail::Log {
+            let node = node.to_owned();
+            drop(events.send(NodeEvent::Line { node, line }).await);
         }
     }
+    errors
 }
 
 #[cfg(test)]
@@ -281,18 +277,23 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn lines_are_forwarded_at_once_and_the_final_error_is_returned() {
-        let stderr = "the disk is full\nerror: poses.jsonl:\n  no space left\n";
+    async fn messages_are_forwarded_at_once_and_the_last_error_is_returned() {
+        let line = |kind, text: &str| {
+            let text = text.to_owned();
+            serde_json::to_string(&NodeLine { kind, text }).unwrap() + "\n"
+        };
+        let stderr = line(LineKind::Error, "the disk is full")
+            + &line(LineKind::LastError, "poses.jsonl:\n  no space left");
         let (events, mut received) = mpsc::channel(QUEUE);
-        let [last, survived] =
+        let errors =
             forward_errors("fusion", stderr.as_bytes(), LineDetail::Notices, &events).await;
-        assert_eq!(last, ["error: poses.jsonl:", "  no space left"]);
-        assert!(survived.is_empty());
+        assert_eq!(errors.last, "poses.jsonl:\n  no space left");
+        assert_eq!(errors.survived, "the disk is full");
         drop(events);
         let Some(NodeEvent::Line { node, line }) = received.recv().await else {
             panic!("no line was forwarded");
         };
-        assert_eq!([node, line], ["fusion", "the disk is full"]);
+        assert_eq!([node, line.text], ["fusion", "the disk is full"]);
         assert!(received.recv().await.is_none());
     }
 
@@ -301,8 +302,8 @@ mod tests {
         let ended = |raw: i32| Exit {
             node: FUSION.to_owned(),
             status: Some(ExitStatus::from_raw(raw)),
-            error: Vec::new(),
-            survived_error: vec!["error: no space left".to_owned()],
+            error: String::new(),
+            survived_error: "no space left".to_owned(),
         };
         assert_eq!(ended(1 << 8).reason(), "no space left");
         assert_eq!(ended(9).reason(), "killed by signal 9");

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use farfield_fusion_node::{LinkProgress, Progress};
-use farfield_node::process::say;
+use farfield_node::process::{LineKind, say};
 use farfield_proto::message::live::EdgeLink;
 use farfield_proto::tick::Tick;
 use indicatif::{HumanBytes, ProgressBar, ProgressStyle};
@@ -33,8 +33,8 @@ pub(crate) trait Follow {
     /// Live, once a second: the state of the links to the edges.
     fn links(&mut self, _links: &LinkProgress) {}
 
-    /// Whether a line of a node, with its name, is printed.
-    fn wants(&self, _line: &str) -> bool {
+    /// Whether lines of this kind are printed.
+    fn wants(&self, _kind: LineKind) -> bool {
         true
     }
 

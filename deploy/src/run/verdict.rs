@@ -141,8 +141,8 @@ mod tests {
         Exit {
             node: node.to_owned(),
             status: Some(ExitStatus::from_raw(raw)),
-            error: vec![error.to_owned()],
-            survived_error: Vec::new(),
+            error: error.to_owned(),
+            survived_error: String::new(),
         }
     }
 
@@ -193,11 +193,11 @@ mod tests {
         let mut ends = NodeEnds::default();
         ends.take(exit("ne", 9, ""), LastRequest::Nothing);
         ends.take(
-            code(FUSION, 1, "error: viewpoint ne has left"),
+            code(FUSION, 1, "viewpoint ne has left"),
             LastRequest::Nothing,
         );
         ends.take(
-            code("sw", 1, "error: fusion has ended the run"),
+            code("sw", 1, "fusion has ended the run"),
             LastRequest::Leave,
         );
         assert_eq!(
@@ -213,10 +213,7 @@ mod tests {
     #[test]
     fn errors_of_edges_are_ignored_if_fusion_was_killed() {
         let mut ends = NodeEnds::default();
-        ends.take(
-            code("ne", 1, "error: fusion has left"),
-            LastRequest::Nothing,
-        );
+        ends.take(code("ne", 1, "fusion has left"), LastRequest::Nothing);
         ends.take(exit(FUSION, 9, ""), LastRequest::Nothing);
         assert_eq!(failed(&ends, false), "fusion: killed by signal 9");
     }
@@ -224,7 +221,7 @@ mod tests {
     #[test]
     fn an_interrupted_fusion_that_cannot_write_its_files_has_failed() {
         let mut ends = NodeEnds::default();
-        ends.take(code(FUSION, 1, "error: no space left"), LastRequest::Leave);
+        ends.take(code(FUSION, 1, "no space left"), LastRequest::Leave);
         assert_eq!(failed(&ends, true), "fusion: no space left");
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_fusion_node::Report;
-use farfield_node::process::{EXIT_REFUSED, NodeError};
+use farfield_node::process::{EXIT_REFUSED, LineKind, NodeError, NodeLine};
 use farfield_proto::tick::Tick;
 use tokio::process::ChildStdin;
 use tokio::runtime::Runtime;
@@ -140,21 +140,21 @@ impl RunWatch<'_> {
         Ok(())
     }
 
-    fn receive(&mut self, node: &str, line: String) {
-        if let Some(line) = self.lines.take(node, line, Instant::now()) {
-            self.print_line(&line);
+    fn receive(&mut self, node: &str, line: NodeLine) {
+        if let Some((kind, text)) = self.lines.take(node, line, Instant::now()) {
+            self.print_line(kind, &text);
         }
     }
 
     fn print_early(&mut self) {
-        for line in self.lines.begin() {
-            self.print_line(&line);
+        for (kind, text) in self.lines.begin() {
+            self.print_line(kind, &text);
         }
     }
 
-    fn print_line(&mut self, line: &str) {
-        if self.detail == LineDetail::Log || self.follow.wants(line) {
-            self.follow.print(line);
+    fn print_line(&mut self, kind: LineKind, text: &str) {
+        if self.detail == LineDetail::Log || self.follow.wants(kind) {
+            self.follow.print(text);
         }
     }
 
@@ -221,14 +221,14 @@ impl RunWatch<'_> {
         };
         let (node, final_error) = (exit.node.clone(), exit.error.clone());
         if exit.has_no_reason() {
-            exit.error = self.lines.early_lines(&node);
+            exit.error = self.lines.early_lines(&node).join("\n");
         }
         let outcome = self.ends.take(exit, request);
         if outcome == NodeOutcome::Well && self.detail == LineDetail::Notices {
             // The verdict of the run does not contain an error of a node that ended well.
-            for line in final_error {
-                self.receive(&node, line);
-            }
+            let kind = LineKind::LastError;
+            let text = final_error;
+            self.receive(&node, NodeLine { kind, text });
         }
         if is_fusion || (outcome == NodeOutcome::Failed && !self.started) {
             self.ask_all_to_leave();

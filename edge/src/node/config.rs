@@ -75,6 +75,9 @@ pub struct EdgeArgs {
     /// End when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
+    /// Write messages on standard error as JSON lines.
+    #[arg(long, hide = true)]
+    pub lines_for_parent: bool,
     /// A simulated clock error.
     #[cfg(feature = "study")]
     #[command(flatten)]

@@ -7,7 +7,9 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use farfield_node::log::start_log_with;
-use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_on_signal};
+use farfield_node::process::{
+    Ending, Managed, NodeError, exit_code, say, stop_on_signal, write_lines_for_parent,
+};
 use farfield_node::runtime;
 use farfield_proto::message::Status;
 use tokio::task::JoinHandle;
@@ -38,6 +40,9 @@ const REFUSAL: Duration = Duration::from_millis(300);
 /// Runs an edge node with the given sources and prints errors to standard error.
 pub fn main(args: EdgeArgs, sources: Arc<dyn Sources>) -> ExitCode {
     start_log_with(attempts::layer());
+    if args.lines_for_parent {
+        write_lines_for_parent();
+    }
     exit_code(load_and_run(args, sources))
 }
 

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow};
 use farfield_node::clock;
-use farfield_node::process::say;
+use farfield_node::process::{LineKind, say_as};
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
 use farfield_proto::message::{BoxSet, DETECTION_STAGE, StageTime};
 use farfield_proto::tick::Tick;
@@ -228,7 +228,10 @@ pub(super) struct Parts {
 /// Prints a line per camera of `pipeline` for which content was left out.
 pub(super) fn report_beyond_view(pipeline: &EdgePipeline) {
     for (camera, left_out) in pipeline.beyond_view() {
-        say(format_args!("camera `{camera}`: {left_out}"));
+        say_as(
+            LineKind::UnusedPictures,
+            format_args!("camera `{camera}`: {left_out}"),
+        );
     }
 }
 

@@ -139,9 +139,6 @@ pub struct BeyondView {
 }
 
 impl BeyondView {
-    /// Text that identifies such a line of output.
-    pub const WORDS: &str = "beyond 120 degrees of view (60 off its axis) were left out";
-
     /// Whether nothing was left out.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
@@ -152,10 +149,8 @@ impl fmt::Display for BeyondView {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} detections and {} keypoints {}",
-            self.detections,
-            self.keypoints,
-            Self::WORDS
+            "{} detections and {} keypoints beyond 120 degrees of view (60 off its axis) were left out",
+            self.detections, self.keypoints,
         )
     }
 }

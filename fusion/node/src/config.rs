@@ -8,7 +8,7 @@ use anyhow::anyhow;
 use farfield_node::clock::unix_time;
 use farfield_node::endpoints::{LinkEnd, LinkRequest, Reach};
 use farfield_node::files::load_venue;
-use farfield_node::process::{Managed, NodeError, say};
+use farfield_node::process::{LineKind, Managed, NodeError, say_as};
 use farfield_proto::model_card::{EXPECTED_CARD, HeatmapCard};
 use farfield_proto::plausibility;
 use farfield_proto::tick::{Micros, Tick, parse_range};
@@ -74,6 +74,9 @@ pub struct FusionArgs {
     /// Report as JSON lines on standard output, and end when standard input closes.
     #[arg(long, hide = true)]
     pub managed: bool,
+    /// Write messages on standard error as JSON lines.
+    #[arg(long, hide = true)]
+    pub lines_for_parent: bool,
     /// With `--managed`: report the positions of the persons at every tick.
     #[arg(long, hide = true, requires = "managed")]
     pub report_bodies: bool,
@@ -249,7 +252,7 @@ pub fn check_calibration(venue: &Venue, path: &Path) -> Result<(), NodeError> {
         )));
     }
     for finding in &findings {
-        say(format_args!("doubtful: {path}: {finding}"));
+        say_as(LineKind::FileFinding, format_args!("{path}: {finding}"));
     }
     Ok(())
 }

@@ -10,7 +10,10 @@ use anyhow::Context as _;
 use farfield_fusion::pipeline::Pipeline;
 use farfield_node::clock;
 use farfield_node::log::start_log_with;
-use farfield_node::process::{Ending, Managed, NodeError, exit_code, say, stop_on_signal};
+use farfield_node::process::{
+    Ending, LineKind, Managed, NodeError, exit_code, say, say_as, stop_on_signal,
+    write_lines_for_parent,
+};
 use farfield_node::{runtime, service_manager, session};
 use farfield_proto::id::SessionId;
 use farfield_proto::transport::FUSION;
@@ -56,6 +59,9 @@ pub fn main(args: FusionArgs) -> ExitCode {
 /// As [`main`]; the observers that `listeners` opens get copies of all messages.
 pub fn main_with(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> ExitCode {
     start_log_with(authentication_log::layer());
+    if args.lines_for_parent {
+        write_lines_for_parent();
+    }
     exit_code(load_and_run(args, listeners))
 }
 
@@ -272,7 +278,7 @@ async fn end_on_demand(on_demand: Arc<RecordingsOnDemand>) {
         Ok(None) => {}
         Ok(Some(last)) => match last.failure {
             None => say(format_args!("recorded in {}", last.file.display())),
-            Some(failure) => say(format_args!("error: {failure}")),
+            Some(failure) => say_as(LineKind::Error, format_args!("{failure}")),
         },
         Err(error) => warn!(%error, "waiting for the recorder"),
     }

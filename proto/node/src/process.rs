@@ -3,10 +3,12 @@
 use std::fmt;
 use std::io::{Read as _, Write as _, stderr, stdout};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use farfield_proto::plain_text;
 use farfield_proto::transport::MOST_LINK_HANDLES;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use serde::{Deserialize, Serialize};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -79,7 +81,7 @@ pub fn exit_code(outcome: Result<Ending, NodeError>) -> ExitCode {
         Ok(Ending::Done) => ExitCode::SUCCESS,
         Ok(Ending::Interrupted) => ExitCode::from(EXIT_INTERRUPTED),
         Err(error) => {
-            say(format_args!("error: {error}"));
+            say_as(LineKind::LastError, format_args!("{error}"));
             ExitCode::from(error.exit_code())
         }
     }
@@ -120,14 +122,66 @@ pub fn say_json(error: &str, exit_code: u8) {
     ));
 }
 
-/// Prints a line to standard error. It may contain foreign text: see [`plain_text`].
+/// The kind of a message on standard error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LineKind {
+    /// Any other message for the operator.
+    Notice,
+    /// A doubtful value in the venue's files: every process that reads them prints it.
+    FileFinding,
+    /// A part of a camera's pictures that is not used.
+    UnusedPictures,
+    /// An error after which the process goes on.
+    Error,
+    /// The error with which the process ends.
+    LastError,
+}
+
+/// A message that a node writes for its parent process, as one line of JSON.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NodeLine {
+    /// Its kind.
+    pub kind: LineKind,
+    /// The message without the word for its kind; it may have several lines.
+    pub text: String,
+}
+
+/// The text for the operator.
+impl fmt::Display for NodeLine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let word = match self.kind {
+            LineKind::Notice | LineKind::UnusedPictures => "",
+            LineKind::FileFinding => "doubtful: ",
+            LineKind::Error | LineKind::LastError => "error: ",
+        };
+        write!(f, "{word}{}", self.text)
+    }
+}
+
+/// Whether this process writes its messages as JSON, for a parent process.
+static IS_FOR_PARENT: AtomicBool = AtomicBool::new(false);
+
+/// From now on this process writes each message as a [`NodeLine`].
+pub fn write_lines_for_parent() {
+    IS_FOR_PARENT.store(true, Ordering::Relaxed);
+}
+
+/// Prints a message to standard error. It may contain foreign text: see [`plain_text`].
 pub fn say(line: fmt::Arguments<'_>) {
+    say_as(LineKind::Notice, line);
+}
+
+/// As [`say`], for a message of this kind.
+pub fn say_as(kind: LineKind, text: fmt::Arguments<'_>) {
+    let text = plain_text::lines(&text.to_string());
+    let line = NodeLine { kind, text };
+    let json = || serde_json::to_string(&line).ok();
+    let is_for_parent = IS_FOR_PARENT.load(Ordering::Relaxed);
+    let shown = is_for_parent.then(json).flatten();
+    let shown = shown.unwrap_or_else(|| line.to_string());
     // `eprintln!` would panic when standard error is closed or its disk is full.
-    drop(writeln!(
-        stderr(),
-        "{}",
-        plain_text::lines(&line.to_string())
-    ));
+    drop(writeln!(stderr(), "{shown}"));
 }
 
 /// Raises this process's limit of open handles (sockets, files) as far as the system allows; warns

@@ -246,6 +246,7 @@ fn args(venue: &Path, endpoint: &str) -> EdgeArgs {
         certificates: None,
         ticks: None,
         managed: false,
+        lines_for_parent: false,
         #[cfg(feature = "study")]
         clock_fault: crate::node::config::ClockFaultArgs::default(),
         ring: Some(venue.with_file_name("ring")),

@@ -9,7 +9,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use farfield_node::clock;
-use farfield_node::process::say;
+use farfield_node::process::{LineKind, say, say_as};
 
 use farfield_fusion::export::disk_policy::{DiskPolicy, is_full};
 
@@ -279,7 +279,7 @@ impl DiskPolicy for DiskWatch {
         let n = state.refused.as_ref().map_or(0, |(_, n)| *n);
         state.refused = Some((refusal.to_owned(), n + 1));
         drop(state);
-        say(format_args!("error: {refusal}"));
+        say_as(LineKind::Error, format_args!("{refusal}"));
     }
 }
 

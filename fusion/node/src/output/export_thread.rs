@@ -11,7 +11,7 @@ use farfield_fusion::export::disk_policy::DiskPolicy;
 use farfield_fusion::export::run_clock::RunEnd;
 use farfield_fusion::export::summary::PosesSummary;
 use farfield_node::clock;
-use farfield_node::process::say;
+use farfield_node::process::{LineKind, say_as};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PoseSet;
 use farfield_proto::venue::Venue;
@@ -118,9 +118,12 @@ impl ExportThread {
             return;
         };
         if self.refused + self.refused_smoothed == 0 {
-            say(format_args!(
-                "error: the disk is too slow for the poses: some ticks will be missing from the files"
-            ));
+            say_as(
+                LineKind::Error,
+                format_args!(
+                    "the disk is too slow for the poses: some ticks will be missing from the files"
+                ),
+            );
         }
         self.shared.refused.fetch_add(1, Ordering::Relaxed);
         match refused {
@@ -269,7 +272,10 @@ impl ExportWork {
             && !self.shared.has_failed.swap(true, Ordering::Relaxed)
             && self.mode == RunMode::Live
         {
-            say(format_args!("error: no more poses are written: {error:#}"));
+            say_as(
+                LineKind::Error,
+                format_args!("no more poses are written: {error:#}"),
+            );
         }
     }
 }

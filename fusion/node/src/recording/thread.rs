@@ -18,7 +18,7 @@ use farfield_fusion::recording::channels::Content;
 use farfield_fusion::recording::holes::Holes;
 use farfield_fusion::recording::writer::{Head, PassedMessage, RecordingWriter};
 use farfield_node::clock::{self, VenueClock};
-use farfield_node::process::say;
+use farfield_node::process::{LineKind, say, say_as};
 use farfield_proto::id::SessionId;
 use farfield_proto::message::Status;
 use farfield_proto::message::decision::Decision;
@@ -223,7 +223,7 @@ impl RecordingWork {
                 "the recording {} has ended: {error}; all that was written before can be read",
                 self.file.display()
             );
-            say(format_args!("error: {reason}"));
+            say_as(LineKind::Error, format_args!("{reason}"));
             self.state.fail(reason);
         }
     }
