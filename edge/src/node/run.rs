@@ -16,7 +16,7 @@ use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tracing::warn;
+use tracing::{Instrument as _, error_span, warn};
 
 use super::attempts::{self, remind};
 use super::build::{Built, build};
@@ -51,7 +51,8 @@ fn load_and_run(args: EdgeArgs, sources: Arc<dyn Sources>) -> Result<Ending, Nod
         return Ok(Ending::Interrupted);
     }
     let config = Arc::new(EdgeConfig::load(args, sources)?);
-    runtime::block_on(2, run(&config))
+    let span = error_span!("edge", viewpoint = config.name);
+    runtime::block_on(2, run(&config).instrument(span))
 }
 
 pub(super) async fn run(config: &Arc<EdgeConfig>) -> Result<Ending, NodeError> {

@@ -15,6 +15,7 @@ use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
 use farfield_proto::wire::{self, SpokenVersion};
 use tokio::sync::mpsc;
+use tracing::debug_span;
 
 use super::acceleration::Workers;
 use super::link::EdgeOutgoing;
@@ -197,6 +198,7 @@ fn run(
 ) -> EdgeWork {
     while let Ok(boxes) = to_do.recv() {
         let tick = boxes.tick;
+        let _span = debug_span!("tick", tick = tick.0).entered();
         let result = work.step(&boxes, spoken.get()).and_then(|messages| {
             // If the queue is full, this thread waits for the network; the loop never waits.
             let sent = messages

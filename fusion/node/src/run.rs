@@ -20,7 +20,7 @@ use farfield_proto::transport::FUSION;
 use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tracing::{debug, warn};
+use tracing::{Instrument as _, debug, error_span, warn};
 use zenoh::Session;
 
 use super::config::{FusionArgs, FusionConfig};
@@ -74,7 +74,9 @@ fn load_and_run(args: FusionArgs, listeners: Box<dyn OpenListeners>) -> Result<E
     let session = new_session();
     let mut pipeline = Pipeline::new(&config.venue, config.card.as_ref(), session);
     pipeline.know(config.subjects.subjects.clone());
-    let ending = runtime::block_on(2, run(&config, session, pipeline, listeners));
+    let span = error_span!("fusion", venue = config.venue.name);
+    let work = run(&config, session, pipeline, listeners).instrument(span);
+    let ending = runtime::block_on(2, work);
     authentication_log::sum_up();
     ending
 }

@@ -18,6 +18,7 @@ use farfield_proto::message::naming::Naming;
 use farfield_proto::message::{BoxSet, PatchSet, PoseSet, StageTime};
 use farfield_proto::tick::Tick;
 use tokio::sync::mpsc;
+use tracing::debug_span;
 
 use super::output::export_thread::ExportThread;
 use super::output::exporter::Exported;
@@ -34,15 +35,6 @@ pub(super) struct Job {
     pub(super) late: Vec<PatchSet>,
     /// Ticks ahead of which the boxes are made, by viewpoint; empty: unchanged.
     pub(super) horizons: Vec<f64>,
-}
-
-impl From<TickGroup> for Job {
-    fn from(group: TickGroup) -> Self {
-        Self {
-            group,
-            ..Self::default()
-        }
-    }
 }
 
 /// The results of a tick.
@@ -122,9 +114,9 @@ impl FusionWorker {
     ///
     /// # Errors
     /// The thread has ended, or two ticks are queued.
-    pub(super) fn step(&self, job: impl Into<Job>) -> anyhow::Result<()> {
+    pub(super) fn step(&self, job: Job) -> anyhow::Result<()> {
         self.jobs
-            .try_send(job.into())
+            .try_send(job)
             .map_err(|error| anyhow!("the core cannot accept a tick: {error}"))
     }
 
@@ -193,6 +185,7 @@ impl FusionWork {
     }
 
     fn step(&mut self, job: &Job) -> (Stepped, ToWrite) {
+        let _span = debug_span!("tick", tick = job.group.tick.0).entered();
         let start = clock::now();
         let mut lap_start = start;
         if !job.horizons.is_empty() {

@@ -111,8 +111,6 @@ pub struct RecentTicks {
     pub in_time: Option<f64>,
     /// The edges that are too slow, by index, with their share of skipped ticks.
     pub too_slow: Vec<(usize, f64)>,
-    /// Whether one of these is new.
-    pub is_news: bool,
     /// Share of ticks for which all edges were too late.
     pub all_late: f64,
 }
@@ -214,13 +212,11 @@ impl TargetLatency {
         let mut recent = RecentTicks {
             in_time: (self.recent[1] >= ENOUGH_OF_THESE).then(|| share(self.recent)),
             too_slow: Vec::new(),
-            is_news: false,
             all_late: share([self.all_late, self.ticks]),
         };
         for (index, edge) in self.edges.iter_mut().enumerate() {
             let counts = std::mem::take(&mut edge.recent);
-            let was_slow = edge.is_slow;
-            let bound = if was_slow {
+            let bound = if edge.is_slow {
                 LEFT_OUT_NO_MORE
             } else {
                 LEFT_OUT_SHARE
@@ -228,7 +224,6 @@ impl TargetLatency {
             edge.is_slow = counts[1] >= ENOUGH_OF_THESE && share(counts) > bound;
             if edge.is_slow {
                 recent.too_slow.push((index, share(counts)));
-                recent.is_news |= !was_slow;
             }
         }
         (self.recent, self.ticks, self.all_late) = ([0; 2], 0, 0);
@@ -395,10 +390,10 @@ mod tests {
             target.take_recent().unwrap()
         };
         let far = window(1);
-        assert_eq!((far.too_slow, far.is_news), (vec![(1, 1.0)], true));
+        assert_eq!(far.too_slow, [(1, 1.0)]);
         assert!(far.all_late < 1e-9, "{}", far.all_late);
         let still = window(15);
-        assert_eq!((still.too_slow.len(), still.is_news), (1, false));
+        assert_eq!(still.too_slow.len(), 1);
         assert!(window(30).too_slow.is_empty());
         assert!(window(15).too_slow.is_empty(), "seven of a hundred are few");
         let names = ["near", "far", "gone"].into_iter();

@@ -11,6 +11,7 @@ use farfield_proto::id::CameraIndex;
 use farfield_proto::printed::signed;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{Venue, VenueCamera};
+use tracing::error_span;
 
 use super::frames::DeliveredFrame;
 use super::shared::Shared;
@@ -53,6 +54,7 @@ impl LiveCamera {
         let Some(camera) = self.venue.camera(self.index).cloned() else {
             return;
         };
+        let _span = error_span!("camera", name = camera.model.name()).entered();
         // A message is printed again only if it changed.
         let mut reported = String::new();
         while !self.shared.is_stopped() {

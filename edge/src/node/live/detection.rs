@@ -13,6 +13,7 @@ use farfield_node::clock;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::{DETECTION_STAGE, SIGHTING_STAGE};
 use farfield_proto::tick::Tick;
+use tracing::debug_span;
 
 use super::shared::{Shared, TickStart, send_output};
 use super::work_watch::Caller;
@@ -118,6 +119,7 @@ fn detect(
     schedule: &Mutex<DetectionSchedule>,
 ) {
     while let Ok(pictures) = to_detect_in.recv() {
+        let _span = debug_span!("detection", tick = pictures.tick.0).entered();
         let begun = clock::now();
         shared.begin_work(Caller::Detector, MAX_SIGHTED);
         let Pictures {

@@ -10,7 +10,7 @@ use farfield_proto::message::live::{BoxEcho, PatchTiming};
 use farfield_proto::message::{BoxSet, DETECTION_STAGE, Order};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
-use tracing::debug;
+use tracing::{debug, debug_span};
 
 use super::detection::{DetectionThreads, Pass, Pictures};
 use super::frames::SPARE as KEPT_TICKS;
@@ -202,6 +202,7 @@ impl Ticker {
     }
 
     fn step(&mut self, start: TickStart) -> anyhow::Result<()> {
+        let _span = debug_span!("tick", tick = start.tick.0).entered();
         let persons = start.boxes.persons.iter().map(|p| p.person);
         if let Some(most) = start.plan.persons {
             let nth = i64::from(start.plan.every_nth);

@@ -1,19 +1,19 @@
 //! Judges the agreement of the cameras in a live run: every ten seconds on its own thread, less often if it takes long, so that
 //! it uses little of the computing time.
 
-use std::collections::BTreeSet;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use farfield_node::clock;
-use farfield_node::process::say;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::message::agreement::{AgreementOfCamera, MAX_AGREEMENTS};
 use farfield_proto::venue::Venue;
 use tracing::debug;
 
 use farfield_fusion::camera_agreement::{AgreementReport, AgreementSamples, JudgedBefore};
+
+use super::conditions::Condition;
 
 /// Judging takes at most one part in this many of a core's time.
 const ONE_PART_IN: u32 = 100;
@@ -30,8 +30,6 @@ struct Judged {
 pub(super) struct AgreementJudge {
     newest: SyncSender<AgreementSamples>,
     judged: Arc<Mutex<Judged>>,
-    /// Names of the disagreements that were reported.
-    reported: BTreeSet<String>,
 }
 
 impl AgreementJudge {
@@ -45,11 +43,7 @@ impl AgreementJudge {
         let result = Arc::clone(&judged);
         let thread = std::thread::Builder::new().name("agreement".to_owned());
         thread.spawn(move || judge_all(&samples, &result))?;
-        Ok(Self {
-            newest,
-            judged,
-            reported: BTreeSet::new(),
-        })
+        Ok(Self { newest, judged })
     }
 
     /// Sends samples to the thread; drops them while it is busy or pauses.
@@ -78,18 +72,16 @@ impl AgreementJudge {
         cameras.take(MAX_AGREEMENTS).collect()
     }
 
-    /// The current disagreements with their remedies; each new one is also printed once.
-    pub(super) fn warnings(&mut self) -> Vec<String> {
-        let judged = self.judged.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut warnings = Vec::new();
-        for disagreement in &judged.report.disagreements {
+    /// The current disagreements with their remedies.
+    pub(super) fn conditions(&self) -> Vec<Condition> {
+        let judged = self.judged();
+        let disagreements = judged.report.disagreements.iter().map(|disagreement| {
             let words = format!("{}; {}", disagreement.found, disagreement.remedy);
-            if self.reported.insert(disagreement.name()) {
-                say(format_args!("warning: {words}"));
-            }
-            warnings.push(words);
-        }
-        warnings
+            Condition::of(disagreement.name())
+                .begins(format!("warning: {words}"))
+                .notice(words)
+        });
+        disagreements.collect()
     }
 }
 

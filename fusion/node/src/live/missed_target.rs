@@ -1,108 +1,69 @@
-//! Sentences about late edges and a missed target latency: printed when it begins and ends, and contained in the status.
-
-use farfield_node::process::say;
+//! Late edges and a missed target latency, as conditions of the run.
 
 use farfield_fusion::live::target_latency::{KEPT_SHARE, LEFT_OUT_SHARE, RecentTicks};
 
-/// One sentence for each problem that exists.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub(super) struct MissedTarget {
-    target_ms: Option<u64>,
-    /// Poses are late.
-    late: Option<String>,
-    /// At some ticks no edge's patches come in time.
-    no_edge: Option<String>,
-    /// The patches of some edges come too late.
-    too_slow: Option<String>,
-}
+use super::conditions::Condition;
 
-impl MissedTarget {
-    /// Describes how the `recent` ticks missed the target, if there is one, and which edges are late. `names` are those of the
-    /// viewpoints, `longest` describes the largest delays.
-    pub(super) fn new(
-        target_ms: Option<f64>,
-        recent: &RecentTicks,
-        names: &[&str],
-        longest: &str,
-    ) -> Self {
-        let target = target_ms.map_or_else(
-            || "the other viewpoints".to_owned(),
-            |ms| format!("the {ms:.0} ms of `target_latency_ms`"),
+/// How the `recent` ticks missed the target, if there is one, and which edges are late. `names` are those of the viewpoints,
+/// `longest` describes the largest delays.
+pub(super) fn missed_target(
+    target_ms: Option<f64>,
+    recent: &RecentTicks,
+    names: &[&str],
+    longest: &str,
+) -> Vec<Condition> {
+    let target = target_ms.map_or_else(
+        || "the other viewpoints".to_owned(),
+        |ms| format!("the {ms:.0} ms of `target_latency_ms`"),
+    );
+    let over = target_ms.map_or_else(
+        || "no viewpoint is late any more".to_owned(),
+        |ms| format!("poses are sent within the {ms:.0} ms of `target_latency_ms` again, with all viewpoints"),
+    );
+    let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+    let mut missed = Vec::new();
+    if let Some(share) = recent.in_time.filter(|share| *share < KEPT_SHARE) {
+        let share = percent(share);
+        let text = format!("{share} of the poses are sent within {target}; {longest}");
+        missed.push(Condition::of("late poses").words(text));
+    }
+    if target_ms.is_some() && recent.all_late > LEFT_OUT_SHARE {
+        let share = percent(recent.all_late);
+        let text = format!(
+            "at {share} of the ticks no viewpoint's patches arrive within {target}, so that no one is tracked; {longest}"
         );
-        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
-        let is_late = recent.in_time.filter(|share| *share < KEPT_SHARE);
-        let is_no_edge = target_ms.is_some() && recent.all_late > LEFT_OUT_SHARE;
-        let too_slow = recent.too_slow.iter().filter_map(|(index, share)| {
-            let name = names.get(*index)?;
-            Some(format!("{name} ({} of the ticks)", percent(*share)))
-        });
-        let too_slow: Vec<String> = too_slow.collect();
-        Self {
-            target_ms: target_ms.map(|ms| ms as u64),
-            late: is_late.map(|share| {
-                let share = percent(share);
-                format!("{share} of the poses are sent within {target}; {longest}")
-            }),
-            no_edge: is_no_edge.then(|| {
-                let share = percent(recent.all_late);
-                format!(
-                    "at {share} of the ticks no viewpoint's patches arrive within {target}, so that no one is tracked; {longest}"
-                )
-            }),
-            too_slow: (!too_slow.is_empty()).then(|| {
-                let too_slow = too_slow.join(", ");
-                format!("patches arrive too late for {target}, and are left out, from viewpoint {too_slow}; recordings and smoothed poses contain them")
-            }),
-        }
+        missed.push(Condition::of("no edge in time").words(text));
     }
-
-    /// All sentences.
-    pub(super) fn words(&self) -> impl Iterator<Item = &String> {
-        [&self.late, &self.no_edge, &self.too_slow]
-            .into_iter()
-            .flatten()
+    let slow = recent.too_slow.iter();
+    let slow = slow.filter_map(|(index, share)| Some((*names.get(*index)?, percent(*share))));
+    let (slow, shares): (Vec<&str>, Vec<String>) = slow
+        .map(|(name, share)| (name, format!("{name} ({share} of the ticks)")))
+        .unzip();
+    if !slow.is_empty() {
+        // Another set of viewpoints is printed again.
+        let key = format!("late viewpoints {}", slow.join(" "));
+        let text = format!(
+            "patches arrive too late for {target}, and are left out, from viewpoint {}; recordings and smoothed poses contain them",
+            shares.join(", ")
+        );
+        missed.push(Condition::of(key).words(text));
     }
-
-    /// Prints the problems that did not exist `before`, late edges if `is_news`, and the end of all problems.
-    pub(super) fn report(&self, before: &Self, is_news: bool) {
-        for words in self.new_words(before, is_news) {
-            say(format_args!("{words}"));
-        }
-    }
-
-    fn new_words(&self, before: &Self, is_news: bool) -> Vec<String> {
-        let begins = [
-            (&self.late, before.late.is_none()),
-            (&self.no_edge, before.no_edge.is_none()),
-            (&self.too_slow, is_news),
-        ];
-        let begins = begins.into_iter().filter(|(_, is_new)| *is_new);
-        let mut new: Vec<String> = begins.filter_map(|(words, _)| words.clone()).collect();
-        if self.words().next().is_none() && before.words().next().is_some() {
-            new.push(match self.target_ms {
-                Some(ms) => format!(
-                    "poses are sent within the {ms} ms of `target_latency_ms` again, with all viewpoints"
-                ),
-                None => "no viewpoint is late any more".to_owned(),
-            });
-        }
-        new
-    }
+    missed.into_iter().map(|it| it.ends(over.clone())).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::conditions::Conditions;
     use super::*;
 
-    fn missed(recent: &RecentTicks) -> MissedTarget {
-        MissedTarget::new(Some(60.0), recent, &["near", "far"], "fusion takes 9 ms")
+    fn missed(target_ms: Option<f64>, recent: &RecentTicks) -> Vec<Condition> {
+        missed_target(target_ms, recent, &["near", "far"], "fusion takes 9 ms")
     }
 
     fn on_time() -> RecentTicks {
         RecentTicks {
             in_time: Some(1.0),
             too_slow: Vec::new(),
-            is_news: false,
             all_late: 0.0,
         }
     }
@@ -113,18 +74,18 @@ mod tests {
             too_slow: vec![(1, 0.97)],
             ..on_time()
         };
-        let (before, now) = (missed(&on_time()), missed(&far));
-        let new = now.new_words(&before, true);
+        let mut conditions = Conditions::default();
         let expected = "patches arrive too late for the 60 ms of `target_latency_ms`, and are left out, from viewpoint far (97 % of the ticks); recordings and smoothed poses contain them";
-        assert_eq!(new, [expected]);
-        assert!(now.new_words(&now, false).is_empty());
-        assert_eq!(now.words().collect::<Vec<_>>(), [expected]);
-        let over = before.new_words(&now, false);
+        let target = Some(60.0);
+        assert_eq!(conditions.update(missed(target, &far)), [expected]);
+        assert!(conditions.update(missed(target, &far)).is_empty());
+        assert_eq!(conditions.notices().collect::<Vec<_>>(), [expected]);
+        let over = conditions.update(missed(target, &on_time()));
         assert!(
             over[0].starts_with("poses are sent within the 60 ms"),
             "{over:?}"
         );
-        assert!(before.new_words(&before, false).is_empty());
+        assert!(conditions.update(missed(target, &on_time())).is_empty());
     }
 
     #[test]
@@ -134,15 +95,14 @@ mod tests {
             too_slow: vec![(1, 0.97)],
             ..on_time()
         };
-        let [late, none] = [&far, &on_time()]
-            .map(|recent| MissedTarget::new(None, recent, &["near", "far"], "fusion takes 9 ms"));
-        let [words] = &late.new_words(&none, true)[..] else {
-            panic!("{late:?}");
+        let mut conditions = Conditions::default();
+        let [words] = &conditions.update(missed(None, &far))[..] else {
+            panic!("one line was expected");
         };
         assert!(words.contains("the other viewpoints"), "{words}");
         assert!(words.contains("far (97 %"), "{words}");
         assert_eq!(
-            none.new_words(&late, false),
+            conditions.update(missed(None, &on_time())),
             ["no viewpoint is late any more"]
         );
     }
@@ -153,9 +113,8 @@ mod tests {
             in_time: None,
             too_slow: vec![(0, 0.97), (1, 0.97)],
             all_late: 0.97,
-            is_news: true,
         };
-        let new = missed(&all).new_words(&missed(&on_time()), true);
+        let new = Conditions::default().update(missed(Some(60.0), &all));
         assert_eq!(new.len(), 2, "{new:?}");
         assert!(
             new[0].starts_with("at 97 % of the ticks no viewpoint's patches arrive within"),

@@ -2,16 +2,17 @@
 //! still has poses and boxes.
 
 mod agreement;
+mod conditions;
 mod delays;
 mod handover;
-mod health;
 mod missed_target;
 mod overload;
 mod receiving;
 mod run;
-mod sending;
 mod start;
-mod status;
+mod ticks;
+mod viewpoints;
+mod watches;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -34,6 +35,7 @@ pub(super) use self::handover::names_place;
 
 use self::run::LiveFusion;
 use self::start::clock_start;
+use self::watches::Watches;
 use super::config::FusionConfig;
 use super::output::disk_watch::DiskWatch;
 use super::output::export_thread::{ExportThread, missing};
@@ -98,26 +100,24 @@ pub(super) async fn live(
     let mut worker = FusionWorker::spawn(pipeline, exporter, RunMode::Live)
         .context("starting the core's thread")
         .map_err(NodeError::Failed)?;
-    let epoch_us = start.time.epoch_us();
-    let mut run = LiveFusion::new(&context, start);
-    run.disks = disks;
-    run.handover = people_path
-        .map(|path| Handover::start(path, venue, epoch_us))
+    let handover = people_path
+        .map(|path| Handover::start(path, venue, start.time.epoch_us()))
         .transpose()
         .context("starting the thread that saves the present people")
         .map_err(NodeError::Failed)?;
-    run.agreement = Some(judge()?);
+    let watches = Watches::new(judge()?, disks, context.others.clone());
+    let mut run = LiveFusion::new(&context, start, watches, handover);
     let outcome = run.run(boxes, &mut worker, &mut context).await;
     // A stopped or failed fusion may be restarted while its edges go on. Under a parent all nodes end.
     let is_over = matches!(outcome, Ok(Ending::Done)) || config.managed == Managed::Yes;
     if is_over && outcome.is_ok() {
-        run.announce_end(context.ends);
+        run.announce_end();
     }
     fill_recording(&mut run, &outcome, &mut context).await;
     let last_words = if is_over {
         run.end_edges(context.ends).await
     } else {
-        run.last_words()
+        run.viewpoints.last_words()
     };
     let finished = worker.finish().await.map_err(NodeError::Failed)?;
     if let Some(handover) = run.handover.take() {
@@ -128,8 +128,8 @@ pub(super) async fn live(
     };
     let facts = RunFacts {
         ticks: first..run.end().unwrap_or(last + 1),
-        edges: &run.first_words(),
-        tally: &run.tally,
+        edges: &run.viewpoints.last_words(),
+        tally: &run.outbox.tally,
         lost: run.lost(),
         ending: outcome.as_ref().ok().copied(),
         exported: &finished.exported,
@@ -137,8 +137,8 @@ pub(super) async fn live(
         last: finished.last,
         stages: finished.stages,
         paths: run.paths(),
-        cameras: run.camera_summaries(),
-        target_latency: run.target.summary(run.names()),
+        cameras: run.viewpoints.camera_summaries(),
+        target_latency: run.ticks.target.summary(run.viewpoints.names()),
         last_words: &last_words,
         elapsed: clock::now().duration_since(began),
         recording: context.recording.map(RecordingThread::so_far),

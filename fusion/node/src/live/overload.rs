@@ -1,10 +1,10 @@
 //! Overload: viewpoints that exceed their quota, and ticks that would take longer than their time.
 
-use farfield_node::process::say;
-
 use farfield_fusion::align::TickGroup;
 use farfield_fusion::live::Micros;
 use farfield_fusion::live::shedding::Shedding;
+
+use super::conditions::Condition;
 
 /// Refused messages in one second from which a viewpoint floods; fewer may be a disturbance of the network.
 const FLOOD: u64 = 50;
@@ -16,36 +16,42 @@ pub(super) struct FloodWatch(Vec<Watched>);
 #[derive(Debug, Clone, Copy, Default)]
 struct Watched {
     refused: u64,
-    is_reported: bool,
+    /// Refused messages of the last second.
+    more: u64,
+    is_flooding: bool,
 }
 
 impl FloodWatch {
-    /// Updates the counts, once a second: `named` are the names of the viewpoints and their refused messages since the start.
-    /// Prints the beginning and the end of a flood.
-    pub(super) fn update<'a>(&mut self, named: impl Iterator<Item = (&'a str, u64)>) {
-        for (index, (name, refused)) in named.enumerate() {
+    /// Updates the counts, once a second: `refused` are the refused messages of each viewpoint since the start.
+    pub(super) fn update(&mut self, refused: impl Iterator<Item = u64>) {
+        for (index, refused) in refused.enumerate() {
             if self.0.len() <= index {
                 self.0.push(Watched::default());
             }
             let watched = &mut self.0[index];
-            let more = refused - watched.refused.min(refused);
+            watched.more = refused.saturating_sub(watched.refused);
             watched.refused = refused;
-            let is_flood = more >= FLOOD;
-            if is_flood && !watched.is_reported {
-                say(format_args!(
-                    "viewpoint {name} sends more than any edge may: {more} messages were dropped in the last second, other edges are not affected; check that machine, and renew its keys if others may have them"
-                ));
-            } else if more == 0 && watched.is_reported {
-                say(format_args!("viewpoint {name} keeps its limit again"));
-            }
-            watched.is_reported = is_flood || (watched.is_reported && more > 0);
+            let goes_on = watched.is_flooding && watched.more > 0;
+            watched.is_flooding = goes_on || watched.more >= FLOOD;
         }
     }
 
-    /// The indices of the flooding viewpoints.
-    pub(super) fn flooding(&self) -> impl Iterator<Item = usize> {
-        let flooding = self.0.iter().enumerate().filter(|(_, w)| w.is_reported);
-        flooding.map(|(index, _)| index)
+    /// The floods; `names` are those of the viewpoints.
+    pub(super) fn conditions<'a>(
+        &self,
+        names: impl Iterator<Item = &'a str>,
+    ) -> impl Iterator<Item = Condition> {
+        let flooding = names
+            .zip(&self.0)
+            .filter(|(_, watched)| watched.is_flooding);
+        flooding.map(|(name, Watched { more, .. })| {
+            Condition::of(format!("flood {name}"))
+                .begins(format!(
+                    "viewpoint {name} sends more than any edge may: {more} messages were dropped in the last second, other edges are not affected; check that machine, and renew its keys if others may have them"
+                ))
+                .notice(format!("viewpoint {name} sends more than any edge may"))
+                .ends(format!("viewpoint {name} keeps its limit again"))
+        })
     }
 }
 
@@ -59,7 +65,6 @@ pub(super) struct LiveShedding {
     pub(super) shed: u64,
     /// Most viewpoints left out of one tick since the last report.
     most: usize,
-    is_reported: bool,
 }
 
 impl LiveShedding {
@@ -87,24 +92,19 @@ impl LiveShedding {
         self.shedding.stepped(patches, took_us);
     }
 
-    /// Prints the beginning and the end of load shedding.
-    pub(super) fn report(&mut self) {
+    /// The load shedding since the last call.
+    pub(super) fn condition(&mut self) -> Option<Condition> {
         let most = std::mem::take(&mut self.most);
-        if self.is_reported == (most > 0) {
-            return;
-        }
-        self.is_reported = most > 0;
         let n = self.patches.len();
-        if most > 0 {
-            say(format_args!(
-                "this machine is too slow for so many people: up to {most} of {n} viewpoints, in turn, are left out \
-                 of each tick (`farfield bench` measures what it can process)"
-            ));
-        } else {
-            say(format_args!(
-                "the ticks have time for all {n} viewpoints again"
-            ));
-        }
+        let condition = || {
+            Condition::of("shedding")
+                .begins(format!(
+                    "this machine is too slow for so many people: up to {most} of {n} viewpoints, in turn, are left out \
+                     of each tick (`farfield bench` measures what it can process)"
+                ))
+                .ends(format!("the ticks have time for all {n} viewpoints again"))
+        };
+        (most > 0).then(condition)
     }
 }
 
@@ -135,26 +135,25 @@ mod tests {
         shedding.trim(&mut trimmed, 8, PERIOD_US);
         assert_eq!((trimmed.patch_sets.len(), shedding.shed), (5, 30));
         assert_eq!(shedding.most, 3);
-        shedding.report();
-        assert!(shedding.is_reported);
+        assert!(shedding.condition().is_some());
         for _ in 0..100 {
             shedding.stepped((50, 2_000));
         }
         shedding.trim(&mut whole, 8, PERIOD_US);
-        shedding.report();
-        assert!(!shedding.is_reported && whole.patch_sets.len() == 8);
+        assert_eq!(shedding.condition(), None);
+        assert_eq!(whole.patch_sets.len(), 8);
     }
 
     #[test]
     fn only_many_refused_messages_are_a_flood() {
         let mut watch = FloodWatch::default();
         let mut update = |refused: [u64; 2]| {
-            watch.update(["a", "b"].into_iter().zip(refused));
-            watch.flooding().collect::<Vec<_>>()
+            watch.update(refused.into_iter());
+            [&watch.0[0], &watch.0[1]].map(|watched| watched.is_flooding)
         };
-        assert_eq!(update([FLOOD - 1, 0]), [0; 0]);
-        assert_eq!(update([FLOOD - 1, 1000]), [1]);
-        assert_eq!(update([FLOOD - 1, 1001]), [1], "still dropped messages");
-        assert_eq!(update([FLOOD - 1, 1001]), [0; 0]);
+        assert_eq!(update([FLOOD - 1, 0]), [false; 2]);
+        assert_eq!(update([FLOOD - 1, 1000]), [false, true]);
+        assert_eq!(update([FLOOD - 1, 1001]), [false, true], "still dropped");
+        assert_eq!(update([FLOOD - 1, 1001]), [false; 2]);
     }
 }

@@ -86,7 +86,13 @@ impl Begin<'_> {
         let mut worker = FusionWorker::spawn(pipeline, exporter, RunMode::LockStep)
             .context("starting the core's thread")
             .map_err(NodeError::Failed)?;
-        let mut run = LockStepFusion::new(venue, self.session, start, self.interceptor);
+        let mut run = LockStepFusion::new(
+            venue,
+            self.session,
+            start,
+            self.interceptor,
+            outside.ends.outgoing.clone(),
+        );
         let outcome = run
             .run(&first, &mut worker, outside)
             .await
@@ -94,7 +100,7 @@ impl Begin<'_> {
         if let Err(error) = &outcome {
             say_failure(self.config, outside.ends, error);
         }
-        run.send_end(outside.ends);
+        run.send_end();
         let last_words = farewell(&mut run, outside.ends, venue.viewpoints.len()).await;
         let finished = worker.finish().await.map_err(NodeError::Failed)?;
         if finished.last.is_none() {
@@ -104,9 +110,9 @@ impl Begin<'_> {
         let facts = RunFacts {
             ticks: start.ticks.clone(),
             edges: &start.edges,
-            tally: &run.tally,
+            tally: &run.outbox.tally,
             lost: Lost {
-                late: run.tally.refused,
+                late: run.outbox.tally.refused,
                 ..Lost::default()
             },
             ending: outcome.as_ref().ok().copied(),

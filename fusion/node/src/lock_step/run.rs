@@ -6,16 +6,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::time::Duration;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, anyhow, ensure};
 use farfield_fusion::align::Gather;
 use farfield_node::process::Ending;
 use farfield_proto::id::{SessionId, ViewpointIndex};
-use farfield_proto::message::naming::NamingSet;
-use farfield_proto::message::parts::box_messages;
-use farfield_proto::message::{BoxSet, Order, Status};
+use farfield_proto::message::{BoxSet, Status};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
-use farfield_proto::wire;
+use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
 use tracing::debug;
@@ -26,9 +24,9 @@ use crate::output::tally::Tally;
 use crate::session::interceptor::Interceptor;
 use crate::session::link::FusionEnds;
 use crate::session::messages::{FusionIncoming, FusionOutgoing, Liveliness};
-use crate::session::wiretap::CopiedStep;
+use crate::session::outbox::Outbox;
 use crate::status::check;
-use crate::worker::{FusionWorker, Stepped};
+use crate::worker::{FusionWorker, Job, Stepped};
 
 /// Time for the reason of a departure to arrive after a node has left.
 const LAST_WORD: Duration = Duration::from_millis(500);
@@ -43,12 +41,9 @@ pub(crate) struct Outside<'a> {
 /// A run in progress.
 pub(crate) struct LockStepFusion<'a> {
     venue: &'a Venue,
-    session: SessionId,
     ticks: Range<Tick>,
     gather: Gather,
-    interceptor: &'a Interceptor,
-    /// Traffic of the links.
-    pub(crate) tally: Tally,
+    pub(crate) outbox: Outbox<'a>,
     /// The last finished tick.
     pub(crate) last: Option<Tick>,
     /// The viewpoints that have left.
@@ -65,17 +60,22 @@ impl<'a> LockStepFusion<'a> {
         session: SessionId,
         start: &Start,
         interceptor: &'a Interceptor,
+        outgoing: mpsc::Sender<FusionOutgoing>,
     ) -> Self {
         let ticks = start.ticks.clone();
         let process = |edge: &Status| (edge.node.clone(), edge.process);
         let gather = Gather::new(session, ticks.start, venue.viewpoints.len());
         Self {
             venue,
-            session,
+            outbox: Outbox::new(
+                interceptor,
+                session,
+                ticks.start,
+                outgoing,
+                Tally::new(venue),
+            ),
             ticks,
             gather,
-            interceptor,
-            tally: Tally::new(venue),
             last: None,
             gone: BTreeSet::new(),
             processes: start.edges.iter().map(process).collect(),
@@ -98,7 +98,7 @@ impl<'a> LockStepFusion<'a> {
             reporter,
             stop,
         } = outside;
-        self.send_boxes(first, ends)?;
+        self.send_boxes(first)?;
         loop {
             let deadline = self.deadline;
             tokio::select! {
@@ -110,21 +110,17 @@ impl<'a> LockStepFusion<'a> {
                     }
                     if self.deadline.is_some() && self.gather.is_complete() {
                         self.deadline = None;
-                        let group = self.gather.take();
-                        let step = CopiedStep {
-                            group: &group,
-                            late: &[],
-                            horizons: &[],
+                        let job = Job {
+                            group: self.gather.take(),
+                            ..Job::default()
                         };
-                        self.interceptor.decided(self.session, step);
-                        let decision = group.decision(self.session, self.ticks.start);
-                        send(ends, FusionOutgoing::Decision(wire::encode(&decision)))?;
-                        worker.step(group)?;
+                        self.outbox.decided(&job);
+                        worker.step(job)?;
                     }
                 }
                 stepped = worker.done.recv() => {
-                    let mut stepped = stepped.context("the core has ended")?;
-                    if self.stepped(&mut stepped, ends, reporter)? {
+                    let stepped = stepped.context("the core has ended")?;
+                    if self.stepped(stepped, reporter)? {
                         return Ok(Ending::Done);
                     }
                 }
@@ -134,26 +130,11 @@ impl<'a> LockStepFusion<'a> {
     }
 
     /// Sends the end order to every edge.
-    pub(crate) fn send_end(&mut self, ends: &FusionEnds) {
+    pub(crate) fn send_end(&mut self) {
         let tick = self.last.map_or(self.ticks.start, |last| last + 1);
         for viewpoint in 0..self.venue.viewpoints.len() {
-            let viewpoint = ViewpointIndex(viewpoint as u16);
-            let set = BoxSet {
-                session: self.session,
-                tick,
-                viewpoint,
-                part: 0,
-                parts: 1,
-                order: Order::End,
-                live: None,
-                detection_cameras: Vec::new(),
-                persons: Vec::new(),
-            };
-            let index = usize::from(viewpoint.0);
-            let bytes = wire::encode_as(&set, self.interceptor.version_for(index));
-            if send(ends, FusionOutgoing::Boxes(index, bytes)).is_err() {
-                debug!("an end order was not sent: the queue is full");
-            }
+            let order = (self.outbox).end_order(ViewpointIndex(viewpoint as u16), tick);
+            self.outbox.end(&order);
         }
     }
 
@@ -161,12 +142,13 @@ impl<'a> LockStepFusion<'a> {
     fn receive(&mut self, incoming: FusionIncoming) -> anyhow::Result<Option<String>> {
         let taken = match incoming {
             FusionIncoming::Patches(set, arrival) => {
-                self.tally
+                self.outbox
+                    .tally
                     .patches(set.viewpoint, set.persons.len(), arrival.bytes);
                 self.gather.add_patches(set)
             }
             FusionIncoming::Sightings(set, arrival) => {
-                self.tally.sightings(set.viewpoint, arrival.bytes);
+                self.outbox.tally.sightings(set.viewpoint, arrival.bytes);
                 self.gather.add_sightings(set)
             }
             FusionIncoming::Status(status) => {
@@ -190,7 +172,7 @@ impl<'a> LockStepFusion<'a> {
         };
         if let Err(reason) = taken {
             debug!(%reason, "message refused");
-            self.tally.refused += 1;
+            self.outbox.tally.refused += 1;
         }
         Ok(None)
     }
@@ -198,7 +180,7 @@ impl<'a> LockStepFusion<'a> {
     /// Refuses a second process with the name of a running edge: its patches could not be distinguished.
     fn check_name(&self, status: &Status) -> anyhow::Result<()> {
         let is_another = |&process: &u64| process != status.process;
-        anyhow::ensure!(
+        ensure!(
             !self.processes.get(&status.node).is_some_and(is_another),
             "two nodes have the name {}",
             status.node
@@ -207,48 +189,29 @@ impl<'a> LockStepFusion<'a> {
     }
 
     /// Publishes a tick's poses and the next boxes; true after the last tick.
-    fn stepped(
-        &mut self,
-        stepped: &mut Stepped,
-        ends: &FusionEnds,
-        reporter: &mut Reporter,
-    ) -> anyhow::Result<bool> {
+    fn stepped(&mut self, mut stepped: Stepped, reporter: &mut Reporter) -> anyhow::Result<bool> {
         let tick = stepped.poses.tick;
         self.last = Some(tick);
-        self.tally.unusable += u64::from(stepped.unusable);
-        let poses = wire::encode(&stepped.poses);
-        self.tally.pose_bytes += poses.len() as u64;
-        send(ends, FusionOutgoing::Poses(poses))?;
-        for set in &stepped.smoothed {
-            send(ends, FusionOutgoing::Smooth(wire::encode(set)))?;
+        self.outbox.results(&mut stepped);
+        let is_over = tick + 1 >= self.ticks.end;
+        if !is_over {
+            self.send_boxes(&stepped.boxes)?;
         }
-        let events = std::mem::take(&mut stepped.events);
-        if let Some(events) = self.tally.events(self.session, tick, events) {
-            send(ends, FusionOutgoing::Events(wire::encode(&events)))?;
-        }
-        let namings = std::mem::take(&mut stepped.namings);
-        if let Some(namings) = NamingSet::of(self.session, tick, namings) {
-            send(ends, FusionOutgoing::Namings(wire::encode(&namings)))?;
-        }
-        let over = tick + 1 >= self.ticks.end;
-        if !over {
-            self.send_boxes(&stepped.boxes, ends)?;
-        }
-        reporter.tick(&stepped.poses, self.tally.bytes());
-        Ok(over)
+        reporter.tick(&stepped.poses, self.outbox.tally.bytes());
+        Ok(is_over)
     }
 
-    fn send_boxes(&mut self, sets: &[BoxSet], ends: &FusionEnds) -> anyhow::Result<()> {
+    fn send_boxes(&mut self, sets: &[BoxSet]) -> anyhow::Result<()> {
         for set in sets {
-            let index = usize::from(set.viewpoint.0);
-            for bytes in box_messages(set, self.interceptor.version_for(index)) {
-                self.tally.boxes(set.viewpoint, bytes.len() as u64);
-                send(ends, FusionOutgoing::Boxes(index, bytes))?;
-            }
+            self.outbox.boxes(set);
         }
-        self.deadline = Some(
-            Instant::now() + Duration::from_secs_f64(self.venue.parameters.link.lockstep_timeout_s),
+        // Without one of its messages a tick would never be complete.
+        ensure!(
+            self.outbox.unsent == 0,
+            "the network accepts no more messages"
         );
+        let timeout_s = self.venue.parameters.link.lockstep_timeout_s;
+        self.deadline = Some(Instant::now() + Duration::from_secs_f64(timeout_s));
         Ok(())
     }
 
@@ -284,10 +247,4 @@ impl<'a> LockStepFusion<'a> {
         reason
             .unwrap_or_else(|_| anyhow!("viewpoint {node} has left at tick {}", self.gather.tick()))
     }
-}
-
-fn send(ends: &FusionEnds, message: FusionOutgoing) -> anyhow::Result<()> {
-    ends.outgoing
-        .try_send(message)
-        .map_err(|_| anyhow!("the network accepts no more messages"))
 }

@@ -6,6 +6,7 @@ pub(super) mod interceptor;
 pub(super) mod link;
 pub(super) mod messages;
 pub(super) mod other_fusion;
+pub(super) mod outbox;
 mod publishers;
 mod quota;
 mod recorded_sets;
