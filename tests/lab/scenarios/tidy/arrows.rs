@@ -6,7 +6,7 @@ use super::{check, root, workspace};
 
 /// Allowed dependencies of each package in the workspace, in any table of its manifest. Edge and fusion are independent of
 /// each other, and no product package depends on the laboratory. All names except `farfield` begin with `farfield-`.
-const MAY_DEPEND_ON: [(&str, &[&str]); 15] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
     ("proto", &[]),
     ("node", &["proto"]),
     ("calibration", &["proto"]),
@@ -16,6 +16,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 15] = [
     ("export", &["proto", "fusion"]),
     ("streams", &["proto", "fusion", "export"]),
     ("import", &["proto", "calibration"]),
+    ("networks", &["proto", "node"]),
     ("page", &["proto"]),
     ("sim", &["proto", "edge", "fusion"]),
     ("score", &["proto", "fusion"]),
@@ -31,6 +32,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 15] = [
             "export",
             "streams",
             "import",
+            "networks",
             "page",
             "sim",
             "score",
