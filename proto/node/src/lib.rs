@@ -14,6 +14,7 @@
 //! | [`histogram`] | durations over days, in bounded memory |
 //! | [`keys`] | checks that a node's keys belong to its venue, its authority and each other |
 //! | [`log`] | a node's log, and a listener to a library's log |
+//! | [`networks`] | the folder of installed networks |
 //! | [`service_manager`] | reports to systemd |
 //! | [`system_clock`] | whether NTP or PTP synchronises the machine's clock |
 //! | [`runtime`] | starts the runtime and ends it without waiting |
@@ -28,6 +29,7 @@ pub mod files;
 pub mod histogram;
 pub mod keys;
 pub mod log;
+pub mod networks;
 pub mod process;
 pub mod runtime;
 pub mod service_manager;
