@@ -1,13 +1,15 @@
 //! Model cards: TOML files that describe the input and output of a network in the same folder.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
 use crate::keypoints::{COCO17, KeypointSet};
 use crate::patch::{MAX_KEYPOINTS, MAX_SIDE};
-use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
+use crate::toml_file::{FileError, Place, TomlFile, unknown_name, unread};
 
 /// The two kinds of cards.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,7 +21,22 @@ pub enum ModelCard {
 }
 
 /// Description of a card for errors about other files.
-pub const EXPECTED_CARD: &str = "the network's card, a TOML file next to it (docs/venue.md)";
+const EXPECTED_CARD: &str = "the network's card, a TOML file next to it (docs/venue.md)";
+
+/// Why the card at `path` could not be read, with the remedy for an installed network, whose card
+/// is `NAME/NAME.toml`.
+pub fn unread_card(error: &io::Error, path: &Path) -> String {
+    let name = path.file_stem().and_then(OsStr::to_str);
+    let folder = path.parent().and_then(Path::file_name);
+    match name.filter(|name| folder == Some(OsStr::new(name))) {
+        Some(name) if error.kind() == ErrorKind::NotFound => {
+            format!(
+                "the network is not installed: `farfield networks install {name}` installs it, if it is a known one (docs/networks.md)"
+            )
+        }
+        _ => unread(error, EXPECTED_CARD),
+    }
+}
 
 /// Card of a keypoint network.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use farfield_fusion_node::with_values;
+use farfield_node::networks::installed_card;
 use toml::{Table, Value};
 
 /// The venue file at `path` with the values of `set`. Paths in it become absolute, so that the text can be saved
@@ -18,8 +19,16 @@ pub(super) fn changed_venue(path: &Path, set: &[String]) -> anyhow::Result<Strin
     let mut venue: Table = with_values(&text, set)?.parse().with_context(shown)?;
     let path = std::path::absolute(path).with_context(shown)?;
     let folder = path.parent().unwrap_or(Path::new("/"));
-    for name in ["calibration", "network", "detector"] {
-        make_full(&mut venue, name, folder);
+    make_full(&mut venue, "calibration", folder);
+    for name in ["network", "detector"] {
+        let installed = venue.get(name).and_then(Value::as_str);
+        match installed.and_then(|name| installed_card(&path, name)) {
+            Some(card) => {
+                let card = card.display().to_string();
+                venue.insert(name.to_owned(), card.into());
+            }
+            None => make_full(&mut venue, name, folder),
+        }
     }
     if let Some(Value::Table(security)) = venue.get_mut("security") {
         make_full(security, "certificates", folder);
@@ -82,6 +91,23 @@ mod tests {
             (path_of(0), path_of(1)),
             ("/else/a.jsonl".to_owned(), full("b.mp4"))
         );
+    }
+
+    #[test]
+    fn an_installed_network_becomes_the_path_of_its_card() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("hall.toml");
+        let card = folder.path().join("networks/net/net.toml");
+        fs::create_dir_all(card.parent().unwrap()).unwrap();
+        fs::write(&card, "").unwrap();
+        let text = "name = \"hall\"\nnetwork = \"net\"\ndetector = \"people.toml\"\n";
+        fs::write(&path, text).unwrap();
+        let text = changed_venue(&path, &["births.coast_s=2".to_owned()]).unwrap();
+        let venue: Table = text.parse().unwrap();
+        let full = |path: PathBuf| Some(path.display().to_string());
+        let stated = |name: &str| venue[name].as_str().map(str::to_owned);
+        assert_eq!(stated("network"), full(card));
+        assert_eq!(stated("detector"), full(folder.path().join("people.toml")));
     }
 
     #[test]

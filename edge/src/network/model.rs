@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use farfield_proto::model_card::{EXPECTED_CARD, NetworkInput};
-use farfield_proto::toml_file::{FileError, unread};
+use farfield_proto::model_card::{NetworkInput, unread_card};
+use farfield_proto::toml_file::FileError;
 use farfield_proto::venue::Provider;
 use ort::ep::ExecutionProviderDispatch;
 use ort::session::Session;
@@ -56,7 +56,7 @@ pub(crate) struct OnnxModel {
 /// Reads the text of a model card.
 pub(crate) fn read_card(path: &Path) -> Result<String, NetworkError> {
     std::fs::read_to_string(path).map_err(|error| {
-        let problem = unread(&error, EXPECTED_CARD);
+        let problem = unread_card(&error, path);
         FileError::new(path, format!("the model card cannot be read: {problem}")).into()
     })
 }

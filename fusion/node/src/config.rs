@@ -9,10 +9,9 @@ use farfield_node::clock::unix_time;
 use farfield_node::endpoints::{LinkEnd, LinkRequest, Reach};
 use farfield_node::files::load_venue;
 use farfield_node::process::{LineKind, Managed, NodeError, say_as};
-use farfield_proto::model_card::{EXPECTED_CARD, HeatmapCard};
+use farfield_proto::model_card::{HeatmapCard, unread_card};
 use farfield_proto::plausibility;
 use farfield_proto::tick::{Micros, Tick, parse_range};
-use farfield_proto::toml_file::unread;
 use farfield_proto::transport::FUSION;
 use farfield_proto::venue::Venue;
 
@@ -269,7 +268,7 @@ pub fn load_card(venue: &Venue) -> anyhow::Result<Option<HeatmapCard>> {
         anyhow!(
             "reading the network's card {}: {}",
             path.display(),
-            unread(&error, EXPECTED_CARD)
+            unread_card(&error, path)
         )
     })?;
     Ok(Some(HeatmapCard::parse(&text, path)?))

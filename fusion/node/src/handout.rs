@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
+use farfield_node::networks::{RECEIVED, card_in, is_installed_name};
 use farfield_proto::key::Keys;
 use farfield_proto::message::handout::{
     CHUNK_BYTES, Chunk, FileKind, FileList, HandoutRequest, ListSignature, SIGNED_AHEAD,
@@ -14,7 +15,7 @@ use farfield_proto::message::handout::{
 };
 use farfield_proto::model_card::ModelCard;
 use farfield_proto::transport::Identity;
-use farfield_proto::venue::Venue;
+use farfield_proto::venue::{Venue, VenueFile};
 use farfield_proto::wire;
 use ring::rand::SystemRandom;
 use ring::signature::{ECDSA_P256_SHA256_ASN1_SIGNING, EcdsaKeyPair};
@@ -50,26 +51,44 @@ impl Handout {
         identity: Option<&Identity>,
     ) -> anyhow::Result<Self> {
         let folder = venue_path.parent().unwrap_or(Path::new(""));
+        let text = std::fs::read_to_string(venue_path)
+            .with_context(|| format!("reading {}", venue_path.display()))?;
+        // If it was changed to something else, that is reported below.
+        let named = VenueFile::parse(&text, venue_path).ok();
+        let named = named.as_ref();
         let mut files = vec![
             (FileKind::Venue, venue_path.to_owned()),
             (FileKind::Calibration, venue.calibration_path.clone()),
         ];
         let mut models = Vec::new();
-        for (card, kinds) in [
-            (&venue.network, [FileKind::NetworkCard, FileKind::Network]),
+        let mut installed = None;
+        for (card, name, kinds) in [
+            (
+                &venue.network,
+                named.and_then(VenueFile::network),
+                [FileKind::NetworkCard, FileKind::Network],
+            ),
             (
                 &venue.detector,
+                named.and_then(VenueFile::detector),
                 [FileKind::DetectorCard, FileKind::Detector],
             ),
         ] {
             if let Some((card, model)) = card.as_deref().and_then(with_model) {
                 models.push(model_hash(&card, &model)?);
+                installed = name.and_then(|name| store_of(&card, name)).or(installed);
                 files.extend([(kinds[0], card), (kinds[1], model)]);
             }
         }
         let n_networks = [&venue.network, &venue.detector];
         let n_networks = n_networks.into_iter().flatten().count();
-        let shared = files.iter().map(|(kind, path)| share(*kind, path, folder));
+        let folders = Folders {
+            venue: folder,
+            installed,
+        };
+        let shared = files
+            .iter()
+            .map(|(kind, path)| share(*kind, path, &folders));
         let list = FileList {
             venue: venue.name.clone(),
             files: shared.collect::<Result<_, _>>()?,
@@ -140,12 +159,38 @@ fn model_hash(card: &Path, model: &Path) -> anyhow::Result<String> {
     Ok(hasher.finalize().to_hex()[..16].to_owned())
 }
 
-fn share(kind: FileKind, path: &Path, folder: &Path) -> anyhow::Result<SharedFile> {
+/// The folders of the shared files.
+struct Folders<'a> {
+    venue: &'a Path,
+    /// The folder of installed networks, if the venue file names one.
+    installed: Option<PathBuf>,
+}
+
+impl Folders<'_> {
+    /// The place of a file on an edge: in the folder of its venue file, if possible.
+    fn place(&self, path: &Path) -> PathBuf {
+        let installed = self.installed.as_ref();
+        let installed = installed.and_then(|folder| path.strip_prefix(folder).ok());
+        match installed {
+            Some(place) => Path::new(RECEIVED).join(place),
+            None => path.strip_prefix(self.venue).unwrap_or(path).to_owned(),
+        }
+    }
+}
+
+/// The folder of installed networks with the network `name`, if `card` is that network's card.
+fn store_of(card: &Path, name: &str) -> Option<PathBuf> {
+    let folder = card.ancestors().nth(2)?;
+    let is_it = is_installed_name(name) && card_in(folder, name) == card;
+    is_it.then(|| folder.to_owned())
+}
+
+fn share(kind: FileKind, path: &Path, folders: &Folders<'_>) -> anyhow::Result<SharedFile> {
     let mut hasher = blake3::Hasher::new();
     let bytes = copy_into(&mut hasher, path)?;
     let place = match kind {
-        FileKind::Venue => Path::new(""),
-        _ => path.strip_prefix(folder).unwrap_or(path),
+        FileKind::Venue => PathBuf::new(),
+        _ => folders.place(path),
     };
     let place = place.to_str();
     Ok(SharedFile {
@@ -302,6 +347,23 @@ mod tests {
         }
         assert_eq!(read, long.as_bytes());
         assert_eq!(*blake3::hash(&read).as_bytes(), list.files[1].blake3);
+    }
+
+    #[test]
+    fn an_installed_network_gets_a_place_in_the_venues_folder() {
+        let card = Path::new("/store/net/net.toml");
+        let installed = store_of(card, "net");
+        assert_eq!(store_of(card, "net.toml"), None);
+        for venue in ["", "/venue"] {
+            let folders = Folders {
+                venue: Path::new(venue),
+                installed: installed.clone(),
+            };
+            let place = folders.place(Path::new("/store/net/net.onnx"));
+            assert_eq!(place, Path::new("networks/net/net.onnx"));
+            let other = Path::new(venue).join("sub/c.toml");
+            assert_eq!(folders.place(&other), Path::new("sub/c.toml"));
+        }
     }
 
     #[test]

@@ -10,6 +10,7 @@ use farfield_proto::toml_file::{FileError, unread};
 use farfield_proto::transport::{GENERATIONS_FILE, Generations, Identity};
 use farfield_proto::venue::{Venue, VenueFile};
 
+use crate::networks::installed_card;
 use crate::process::say;
 
 /// The key file with which `farfield certs` signs certificates.
@@ -67,7 +68,8 @@ pub fn load_venue(path: &Path) -> Result<Venue, FileError> {
     parse_venue(&text, path)
 }
 
-/// Parses `text` as the venue file at `path`, and reads its calibration.
+/// Parses `text` as the venue file at `path`, and reads its calibration. Names of installed networks
+/// become the paths of their cards.
 ///
 /// # Errors
 /// As [`load_venue`].
@@ -87,7 +89,12 @@ pub fn parse_venue(text: &str, path: &Path) -> Result<Venue, FileError> {
         let problem = "found text that is not UTF-8, expected TOML: `farfield calibrate convert` writes it anew";
         return Err(FileError::new(calibration_path, problem));
     }
-    file.venue(Calibration::parse(&calibration_text, &calibration_path)?)
+    let installed = |name: Option<&str>| name.and_then(|name| installed_card(path, name));
+    let (network, detector) = (installed(file.network()), installed(file.detector()));
+    let mut venue = file.venue(Calibration::parse(&calibration_text, &calibration_path)?)?;
+    venue.network = network.or(venue.network);
+    venue.detector = detector.or(venue.detector);
+    Ok(venue)
 }
 
 /// The files in `folder` that prove the identity of `node`, and the list of outdated certificates.

@@ -213,3 +213,18 @@ fn mean_and_deviation_for_another_pixel_scale_are_refused() {
         assert!(refused.contains(white), "{refused}");
     }
 }
+
+#[test]
+fn a_missing_card_of_an_installed_network_has_a_remedy() {
+    let missing = io::Error::from(ErrorKind::NotFound);
+    let installed = unread_card(&missing, Path::new("networks/net/net.toml"));
+    assert!(
+        installed.contains("`farfield networks install net`"),
+        "{installed}"
+    );
+    let other = unread_card(&missing, Path::new("models/net.toml"));
+    assert_eq!(other, missing.to_string());
+    let folder = io::Error::from(ErrorKind::IsADirectory);
+    let problem = unread_card(&folder, Path::new("net/net.toml"));
+    assert!(problem.contains("found a folder"), "{problem}");
+}

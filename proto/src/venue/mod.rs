@@ -228,6 +228,16 @@ impl<'a> VenueFile<'a> {
         self.file.resolve(&self.raw.calibration)
     }
 
+    /// Its field `network`: the path of a card, or the name of an installed network.
+    pub fn network(&self) -> Option<&str> {
+        self.raw.network.as_deref()
+    }
+
+    /// Its field `detector`, as [`Self::network`].
+    pub fn detector(&self) -> Option<&str> {
+        self.raw.detector.as_deref()
+    }
+
     /// An error about its calibration file, at that field and its line.
     pub fn calibration_error(&self, problem: impl Into<String>) -> FileError {
         self.file.error(&Place::field("calibration"), problem)

@@ -6,6 +6,7 @@ use std::io;
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
+use farfield_node::networks::{is_installed_name, received_card};
 use farfield_proto::message::handout::{FileKind, SharedFile};
 use farfield_proto::model_card::ModelCard;
 use farfield_proto::toml_file::TomlFile;
@@ -82,13 +83,13 @@ impl VenueFileNames {
                     TomlFile::parse(text, path).and_then(|file| file.read::<VenueExcerpt>());
                 let venue = venue.with_context(what)?;
                 let named = [
-                    (FileKind::Calibration, Some(venue.calibration)),
-                    (FileKind::NetworkCard, venue.network),
-                    (FileKind::DetectorCard, venue.detector),
+                    (FileKind::Calibration, Some(venue.calibration.into())),
+                    (FileKind::NetworkCard, venue.network.map(card_path)),
+                    (FileKind::DetectorCard, venue.detector.map(card_path)),
                 ];
                 let named = named.into_iter();
                 self.named
-                    .extend(named.filter_map(|(kind, path)| Some((kind, PathBuf::from(path?)))));
+                    .extend(named.filter_map(|(kind, path)| Some((kind, path?))));
                 let keys = venue.security.certificates;
                 self.keys.extend(keys.map(|keys| self.folder.join(keys)));
             }
@@ -141,6 +142,16 @@ impl VenueFileNames {
             );
         }
         Ok(())
+    }
+}
+
+/// The path of the card that a venue file names: an installed network of fusion's machine gets a
+/// place in the venue's folder.
+fn card_path(name: String) -> PathBuf {
+    if is_installed_name(&name) {
+        received_card(&name)
+    } else {
+        name.into()
     }
 }
 
@@ -210,6 +221,23 @@ mod tests {
             let refused = check(&names, &shared(kind, path)).unwrap_err();
             assert!(refused.contains("does not name"), "{path}: {refused}");
         }
+    }
+
+    #[test]
+    fn an_installed_network_of_fusion_gets_a_place_in_the_venues_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let venue = VENUE.replace("models/card.toml", "blazepose");
+        let mut names = names(folder.path(), &venue);
+        let card = shared(FileKind::NetworkCard, "networks/blazepose/blazepose.toml");
+        check(&names, &card).unwrap();
+        check(&names, &shared(FileKind::NetworkCard, "blazepose")).unwrap_err();
+        let text = "kind = \"detector\"\nfile = \"net.onnx\"\ndecode = \"yolox\"\n\
+            input = { name = \"images\", width = 416, height = 416, channels = \"bgr\" }\n\
+            normalize = { scale = 1.0, mean = [0.0, 0.0, 0.0], std = [1.0, 1.0, 1.0] }\n\
+            output = { name = \"output\", person_class = 0 }\n";
+        names.learn(&card, text).unwrap();
+        let model = shared(FileKind::Detector, "networks/blazepose/net.onnx");
+        check(&names, &model).unwrap();
     }
 
     #[test]
