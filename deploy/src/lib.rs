@@ -20,6 +20,7 @@ mod init;
 mod keys;
 mod listeners;
 mod manual;
+mod networks;
 pub mod output;
 mod overlay;
 mod parameters;
@@ -74,6 +75,7 @@ pub fn main() -> ExitCode {
             done(exchange::import::import_folder(&args)),
             ErrorFormat::as_json_if(args.json),
         ),
+        FarfieldCommand::Networks(args) => networks::main(&args),
         FarfieldCommand::Simulate(args) => simulate::main(args),
         FarfieldCommand::Calibrate(args) => calibrate::main(&args),
         FarfieldCommand::Certs(args) => exit_code(done(certs::certs(&args))),

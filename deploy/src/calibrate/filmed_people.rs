@@ -31,6 +31,7 @@ use super::recorded::OwnVenue;
 use super::recorded::ScanProgress;
 use super::{refuse_existing, write};
 use crate::init::recordings::{self, Recording, RecordingKind, files_of};
+use crate::networks::card_path;
 
 /// Minimum height of a peak, 0 to 1: without a keypoint, networks answer up to slightly less.
 const LEAST_SCORE: f64 = 0.1;
@@ -299,7 +300,7 @@ impl FilmedArgs {
                  instead of videos"
             );
         };
-        let network = OnnxKeypointNetwork::load(network)?;
+        let network = OnnxKeypointNetwork::load(&card_path(network))?;
         let known = &network.card().output.keypoints;
         if let Some(missing) = NEEDED.iter().find(|name| known.index_of(name).is_none()) {
             bail!(
@@ -307,7 +308,7 @@ impl FilmedArgs {
                 known.len()
             );
         }
-        Ok((network, OnnxDetector::load(detector)?))
+        Ok((network, OnnxDetector::load(&card_path(detector))?))
     }
 
     fn camera(

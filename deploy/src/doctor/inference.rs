@@ -9,6 +9,7 @@ use farfield_edge::network::{BackendChoice, InferenceBackend, OnnxKeypointNetwor
 use farfield_edge::node::{Acceleration, Workers, accelerate, find_workers};
 use farfield_edge::pipeline::Batch;
 use farfield_node::clock;
+use farfield_proto::model_card::ModelCard;
 use farfield_proto::venue::{Provider, Venue};
 use farfield_sim::embedded;
 use image::RgbImage;
@@ -34,11 +35,30 @@ const TEMPORARY: &str = "set TMPDIR to a writable folder with some megabytes of 
 
 /// Starts the backend and runs the networks of the venue; without any, the embedded ones.
 pub(super) fn check_inference(venue: Option<&Venue>, report: &mut ReportLines) {
+    if check_backend(report) {
+        check_networks(venue, report);
+    }
+}
+
+/// Starts the backend and runs the network of `card`.
+pub(crate) fn check_card(card: &Path, kind: &ModelCard, remedy: &str, report: &mut ReportLines) {
+    if !check_backend(report) {
+        return;
+    }
+    let what = card.display().to_string();
+    match kind {
+        ModelCard::Heatmap(_) => drop(check_network(card, (&what, remedy), report)),
+        ModelCard::Detector(_) => check_detector(card, (&what, remedy), report),
+    }
+}
+
+/// Starts the backend; `false` if there is none.
+fn check_backend(report: &mut ReportLines) -> bool {
     let backend = match InferenceBackend::start(BackendChoice::Best) {
         Ok(backend) => backend,
         Err(error) => {
             report.fail(INFERENCE, error.to_string(), LIBRARY);
-            return;
+            return false;
         }
     };
     if backend.is_tract() {
@@ -52,6 +72,11 @@ pub(super) fn check_inference(venue: Option<&Venue>, report: &mut ReportLines) {
             report.ok(INFERENCE, text);
         }
     }
+    true
+}
+
+/// Runs the networks of the venue; without any, the embedded ones.
+fn check_networks(venue: Option<&Venue>, report: &mut ReportLines) {
     let network = venue.and_then(|venue| venue.network.as_deref());
     let detector = venue.and_then(|venue| venue.detector.as_deref());
     if let (Some(card), Some(venue)) = (network, venue) {

@@ -29,9 +29,10 @@ use farfield_proto::venue::{Source, Venue};
 
 use crate::exchange::target::check_folder;
 use crate::keys::check_keys;
+use crate::networks::report_installed;
 use crate::report_lines::{ReportForm, ReportLines};
 
-pub(crate) use self::inference::{measured_workers, people_at};
+pub(crate) use self::inference::{check_card, measured_workers, people_at};
 
 use self::disk::DiskNeed;
 use self::ports::VenueRuns;
@@ -85,6 +86,7 @@ fn doctor(args: &DoctorArgs) -> Result<ReportLines, NodeError> {
     let mut report = ReportLines::default();
     machine::check_machine(&machine::facts(), &mut report);
     let (of_nodes, runs) = check_inference_and_nodes(venue, &args.connect, &mut report);
+    report_installed(&mut report);
     let path = std::env::var_os("PATH").unwrap_or_default();
     programs::check_programs(&path, program_need(venue), &mut report);
     disk::check_disk(folder, DiskNeed::for_venue(venue), &mut report);

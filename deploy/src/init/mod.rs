@@ -17,15 +17,17 @@ use anyhow::{Context as _, anyhow, bail, ensure};
 use clap::Args;
 use farfield_calibration::formats::Format;
 use farfield_import::calibrations::{self, Choice, FoundCalibration};
+use farfield_networks::known::Task;
 use farfield_node::log::start_log;
 use farfield_node::process::{ErrorFormat, NodeError, exit_code_with_format, say};
 use farfield_proto::calibration::{Calibration, text_of};
-use farfield_proto::model_card::{DetectorCard, HeatmapCard};
+use farfield_proto::model_card::{DetectorCard, HeatmapCard, unread_card};
 use farfield_proto::toml_file::unread;
 use farfield_proto::venue::Venue;
 
 use crate::check_venue::check;
 use crate::exchange::target::check_file;
+use crate::networks::{INSTALL, card_path, installed_for};
 use crate::output;
 use crate::report_lines::{ReportForm, ReportLines, Verdict};
 
@@ -55,14 +57,14 @@ pub(crate) struct InitArgs {
     /// Default: the rate of the videos.
     #[arg(long, value_name = "HZ")]
     pub(crate) rate: Option<f64>,
-    /// Card of the keypoint network.
+    /// Card of the keypoint network, or its name.
     ///
-    /// Required for images.
+    /// Required for images. Default: an installed one (`farfield networks list`).
     #[arg(long, value_name = "CARD")]
     pub(crate) network: Option<PathBuf>,
-    /// Card of the detector.
+    /// Card of the detector, or its name.
     ///
-    /// It detects people in images.
+    /// It detects people in images. Default: an installed one.
     #[arg(long, value_name = "CARD")]
     pub(crate) detector: Option<PathBuf>,
     /// Cameras at one place.
@@ -156,11 +158,12 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
     let rate_hz = rate_hz(args, &recordings)?;
     let needs_network = recordings.iter().any(Recording::has_images);
     let network = network(args, needs_network)?;
-    if let Some(path) = &network {
-        HeatmapCard::parse(&card(path)?, path)?;
+    if let Some(path) = network.as_deref().map(card_path) {
+        HeatmapCard::parse(&card(&path)?, &path)?;
     }
-    if let Some(path) = &args.detector {
-        DetectorCard::parse(&card(path)?, path)?;
+    let detector = detector(args, needs_network)?;
+    if let Some(path) = detector.as_deref().map(card_path) {
+        DetectorCard::parse(&card(&path)?, &path)?;
     }
     let mut draft = VenueDraft {
         out,
@@ -168,7 +171,7 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
         rate_hz,
         calibration: &calibration_path,
         network: network.as_deref(),
-        detector: args.detector.as_deref(),
+        detector: detector.as_deref(),
         field: args.field,
         viewpoints: &viewpoints,
         matched: &matched,
@@ -257,16 +260,45 @@ fn rate_hz(args: &InitArgs, recordings: &[Recording]) -> anyhow::Result<f64> {
     }
 }
 
+/// The keypoint network: the given one, else an installed one.
 fn network(args: &InitArgs, is_needed: bool) -> anyhow::Result<Option<PathBuf>> {
     if args.network.is_some() || !is_needed {
         return Ok(args.network.clone());
     }
-    match answer("Which file is the card of the keypoint network?")? {
+    if let Some(name) = installed("--network", Task::Keypoints)? {
+        return Ok(Some(name));
+    }
+    let problem = "images need a keypoint network, and none is installed";
+    match answer(&format!(
+        "{problem} (`{INSTALL}` installs one). Which file is its card?"
+    ))? {
         Some(path) => Ok(Some(path.into())),
         None => bail!(
-            "images need a keypoint network: set its card with `--network CARD` (docs/venue.md)"
+            "{problem}: run `{INSTALL}`, or set its card with `--network CARD` (docs/networks.md)"
         ),
     }
+}
+
+/// The detector: the given one, else an installed one, if any.
+fn detector(args: &InitArgs, is_needed: bool) -> anyhow::Result<Option<PathBuf>> {
+    if args.detector.is_some() || !is_needed {
+        return Ok(args.detector.clone());
+    }
+    installed("--detector", Task::Detection)
+}
+
+/// The name of the first installed network for `task`, which `option` replaces.
+fn installed(option: &str, task: Task) -> anyhow::Result<Option<PathBuf>> {
+    let all = installed_for(task)?;
+    let Some(first) = all.first() else {
+        return Ok(None);
+    };
+    let names: Vec<&str> = all.iter().map(|network| network.name.as_str()).collect();
+    let (name, names) = (&first.name, names.join(", "));
+    say(format_args!(
+        "using the network {name}; installed: {names}; `{option} NAME` uses another"
+    ));
+    Ok(Some(name.into()))
 }
 
 /// The answer to a question; `None` without a terminal, or without an answer.
@@ -291,7 +323,8 @@ fn card(path: &Path) -> anyhow::Result<String> {
         path.extension().is_none_or(|is| is != "onnx"),
         "{shown}: found a network, expected its card: a TOML file that describes input and output (docs/venue.md)"
     );
-    fs::read_to_string(path).with_context(|| format!("reading the card {shown}"))
+    fs::read_to_string(path)
+        .map_err(|error| anyhow!("reading the card {shown}: {}", unread_card(&error, path)))
 }
 
 /// Writes a new file. On failure none remains.

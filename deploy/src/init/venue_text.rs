@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
+use farfield_node::networks::is_installed_name;
 use toml::Value;
 
 use super::recordings::Recording;
@@ -19,6 +20,7 @@ pub(super) struct VenueDraft<'a> {
     pub(super) name: String,
     pub(super) rate_hz: f64,
     pub(super) calibration: &'a Path,
+    /// A card, or the name of an installed network.
     pub(super) network: Option<&'a Path>,
     pub(super) detector: Option<&'a Path>,
     /// Smallest x and y, largest x and y, metres.
@@ -61,14 +63,14 @@ impl VenueDraft<'_> {
         );
         if let Some(network) = self.network {
             line(
-                format!("network = {}", self.path(network)),
-                "model card of the keypoint network",
+                format!("network = {}", self.card(network)),
+                "keypoint network: installed, or a model card",
             );
         }
         if let Some(detector) = self.detector {
             line(
-                format!("detector = {}", self.path(detector)),
-                "model card of the person detector",
+                format!("detector = {}", self.card(detector)),
+                "person detector: installed, or a model card",
             );
         }
         if let Some([x0, y0, x1, y1]) = self.field {
@@ -109,6 +111,12 @@ impl VenueDraft<'_> {
         text.lines()
             .map(|line| line.trim_end_matches([' ', '#']).to_owned() + "\n")
             .collect()
+    }
+
+    /// An installed network stays a name.
+    fn card(&self, card: &Path) -> String {
+        let name = card.to_str().filter(|name| is_installed_name(name));
+        name.map_or_else(|| self.path(card), quoted)
     }
 
     /// A path in the venue file: relative if it is inside the file's folder, else absolute.

@@ -29,6 +29,7 @@ use farfield_sim::simulated::{SimulatedSource, VenueSources, VenueText, without_
 
 use self::kind::RecordingKind;
 use self::work::Interrupt;
+use crate::networks::card_path;
 use crate::output;
 use crate::overlay::{TickList, draw_poses, overlay, overlay_ticks};
 use crate::venue_folder::{self, CALIBRATION};
@@ -195,8 +196,8 @@ fn detector_card(card: &Path, kind: RecordingKind) -> anyhow::Result<String> {
         card.display(),
         kind.name()
     );
-    let full =
-        std::fs::canonicalize(card).with_context(|| format!("`--detector` {}", card.display()))?;
+    let full = std::fs::canonicalize(card_path(card))
+        .with_context(|| format!("`--detector` {}", card.display()))?;
     full.into_os_string()
         .into_string()
         .map_err(|_| anyhow!("`--detector` {}: its name is not UTF-8", card.display()))

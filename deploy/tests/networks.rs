@@ -1,0 +1,149 @@
+//! Tests of the real `farfield` with installed networks: none of them needs a connection.
+#![expect(
+    clippy::unwrap_used,
+    reason = "what goes wrong in a test fails it, with its place"
+)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+const CARD: &str = r#"kind = "heatmap"
+file = "own.onnx"
+input = { name = "image", width = 192, height = 256, channels = "rgb" }
+normalize = { scale = 0.00392156862745098, mean = [0.0, 0.0, 0.0], std = [1.0, 1.0, 1.0] }
+output = { name = "heatmaps", width = 48, height = 64, keypoints = "coco17" }
+cell_to_input = { scale = 4.0, offset = 0.0 }
+box_margin = 1.25
+"#;
+
+/// A folder with recordings `recordings` of the sample's cameras, and installed networks `networks`.
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let recordings = folder.path().join("recordings");
+        fs::create_dir_all(&recordings).unwrap();
+        for camera in ["ne-left", "ne-right", "sw"] {
+            fs::write(recordings.join(camera).with_extension("mp4"), "").unwrap();
+        }
+        let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("calibration.sample.toml");
+        fs::copy(sample, recordings.join("calibration.toml")).unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Installs the network `own`, whose ONNX file is not one.
+    fn install_own(&self) {
+        let own = self.path("networks/own");
+        fs::create_dir_all(&own).unwrap();
+        fs::write(own.join("own.toml"), CARD).unwrap();
+        fs::write(own.join("own.onnx"), "weights").unwrap();
+    }
+
+    /// Runs the built program in the folder, without any package manager.
+    fn farfield(&self, args: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_farfield"))
+            .args(args)
+            .current_dir(self.folder.path())
+            .stdin(Stdio::null())
+            .env("FARFIELD_NETWORKS", self.path("networks"))
+            .env("PATH", self.path("no-programs"))
+            .env_remove("RUST_LOG")
+            .output()
+            .unwrap()
+    }
+
+    /// The error of a command that is refused.
+    fn refusal(&self, args: &[&str]) -> String {
+        let output = self.farfield(args);
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {error}");
+        error
+    }
+}
+
+#[test]
+fn init_without_a_network_names_the_command_that_installs_one() {
+    let place = Place::new();
+    let error = place.refusal(&["init", "recordings", "--rate", "60"]);
+    assert!(
+        error.contains("`farfield networks install blazepose`"),
+        "{error}"
+    );
+}
+
+#[test]
+fn init_writes_the_name_of_an_installed_network() {
+    let place = Place::new();
+    place.install_own();
+    let output = place.farfield(&["init", "recordings", "--rate", "60"]);
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        printed.contains("using the network own; installed: own;"),
+        "{printed}"
+    );
+    let venue = fs::read_to_string(place.path("recordings/venue.toml")).unwrap();
+    assert!(venue.contains("\nnetwork = \"own\" "), "{venue}");
+    // The venue's network is the installed file.
+    let report = String::from_utf8_lossy(&output.stdout);
+    assert!(report.contains("networks/own/own.onnx"), "{report}");
+}
+
+#[test]
+fn a_venue_with_a_network_that_is_not_installed_names_the_command() {
+    let place = Place::new();
+    place.install_own();
+    place.farfield(&["init", "recordings", "--rate", "60"]);
+    fs::remove_dir_all(place.path("networks")).unwrap();
+    let output = place.farfield(&["check", "recordings/venue.toml"]);
+    let report = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        report.contains("`farfield networks install own`"),
+        "{report}"
+    );
+}
+
+#[test]
+fn networks_are_listed_and_wrong_requests_refused() {
+    let place = Place::new();
+    place.install_own();
+    let list = place.farfield(&["networks", "list", "--json"]);
+    let list: serde_json::Value = serde_json::from_slice(&list.stdout).unwrap();
+    assert_eq!(list["installed"][0]["name"], "own");
+    assert_eq!(list["installed"][0]["task"], "keypoints");
+    assert_eq!(list["known"][0]["name"], "blazepose");
+
+    let error = place.refusal(&["networks", "install", "blazepos"]);
+    assert!(error.contains("blazepose"), "{error}");
+    let error = place.refusal(&["networks", "install", "blazepose"]);
+    for part in [
+        "npm, pip",
+        "npm pack @mediapipe/pose@0.5.1675469404",
+        "mediapipe==0.10.21",
+        "--from FILE",
+    ] {
+        assert!(error.contains(part), "{error}");
+    }
+    let video = [
+        "networks",
+        "install",
+        "blazepose",
+        "--from",
+        "recordings/sw.mp4",
+    ];
+    let error = place.refusal(&video);
+    assert!(error.contains("the file is not used"), "{error}");
+    let error = place.refusal(&["networks", "check", "none"]);
+    assert!(error.contains("not installed"), "{error}");
+    assert_eq!(
+        place.farfield(&["networks", "check", "own"]).status.code(),
+        Some(1)
+    );
+}
