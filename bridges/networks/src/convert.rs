@@ -1,14 +1,20 @@
-//! Converts the part of a TFLite graph that draws heat maps to ONNX.
+//! Converts networks to ONNX: here the part of a TFLite graph that draws heat maps, in [`centre_boxes`] detectors.
 //!
 //! TFLite stores images as [batch, row, column, channel], ONNX as [batch, channel, row, column]; constants are permuted
 //! accordingly. Weights of 16 bits become floats of 32 bits, with the same values. Operators that the maps do not depend
 //! on are left out.
 
+mod centre_boxes;
+mod tfjs;
+
 use half::f16;
 use thiserror::Error;
 
-use crate::onnx::{Graph, Node};
+use crate::onnx::{Batch, Graph, Node};
+use crate::tfjs::TfjsError;
 use crate::tflite::{Elements, Model, Operator, Table, Tensor, TfliteError};
+
+pub use self::centre_boxes::{BOXES, CentreBoxes, centre_boxes};
 
 /// Name of the converted network's input.
 pub const INPUT: &str = "image";
@@ -66,6 +72,17 @@ pub enum ConvertError {
     /// The file cannot be read.
     #[error(transparent)]
     Tflite(#[from] TfliteError),
+    /// The files of a graph model cannot be read, or not be converted.
+    #[error(transparent)]
+    Tfjs(#[from] TfjsError),
+    /// The conversion takes another number of files.
+    #[error("found {found} files, expected {expected}")]
+    Files {
+        /// Their number.
+        found: usize,
+        /// The number that the conversion takes.
+        expected: usize,
+    },
     /// An operator without a counterpart here.
     #[error("the network has the operator {operator}, which is not converted")]
     Operator {
@@ -130,7 +147,8 @@ pub fn heat_maps(bytes: &[u8], maps: HeatMaps) -> Result<Vec<u8>, ConvertError> 
         input,
     };
     let [rows, columns, channels] = model.tensor(input)?.image_shape()?;
-    conversion.graph.input(INPUT, [channels, rows, columns]);
+    let shape = [channels, rows, columns];
+    conversion.graph.input(INPUT, Batch::Any, shape);
     if let Some(is_computed) = conversion.is_computed.get_mut(input) {
         *is_computed = true;
     }
@@ -234,7 +252,7 @@ impl Conversion<'_> {
             RELU6 => {
                 let input = self.name(operator.input(0)?)?;
                 let output = operator.output()?;
-                self.clip(&input, output);
+                self.graph.clip(&input, &named(output));
                 self.computed(output);
                 Ok(())
             }
@@ -419,19 +437,9 @@ impl Conversion<'_> {
                 let node = Node::new("Relu", &[before], &named(output));
                 self.graph.nodes.push(node);
             }
-            Activation::Relu6 => self.clip(before, output),
+            Activation::Relu6 => self.graph.clip(before, &named(output)),
         }
         self.computed(output);
-    }
-
-    /// The activation RELU6.
-    fn clip(&mut self, before: &str, output: usize) {
-        let stem = named(output);
-        let (low, high) = (format!("{stem}_low"), format!("{stem}_high"));
-        self.graph.floats(&low, &[], &[0.0]);
-        self.graph.floats(&high, &[], &[6.0]);
-        let node = Node::new("Clip", &[before, &low, &high], &stem);
-        self.graph.nodes.push(node);
     }
 
     fn computed(&mut self, output: usize) {
@@ -502,7 +510,8 @@ impl Conversion<'_> {
         let sigmoid = Node::new("Sigmoid", &["logits"], OUTPUT);
         self.graph.nodes.extend([picked, sigmoid]);
         let [rows, columns, _] = maps.shape;
-        self.graph.output(OUTPUT, [maps.n_keypoints, rows, columns]);
+        let shape = [maps.n_keypoints, rows, columns];
+        self.graph.output(OUTPUT, Batch::Any, &shape);
         Ok(self.graph.into_file())
     }
 }

@@ -15,6 +15,8 @@ pub mod install;
 pub mod known;
 mod onnx;
 pub mod store;
+mod tfjs;
 mod tflite;
 
+pub use self::tfjs::TfjsError;
 pub use self::tflite::TfliteError;

@@ -52,6 +52,15 @@ pub(crate) struct Graph {
     outputs: Vec<Value>,
 }
 
+/// How many images a network takes at once.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Batch {
+    /// Any number.
+    Any,
+    /// One, for which some backends make a faster network.
+    One,
+}
+
 /// One operator.
 #[derive(Clone, PartialEq, Message)]
 pub(crate) struct Node {
@@ -211,14 +220,23 @@ impl Graph {
         });
     }
 
-    /// Adds an input [batch, channel, row, column]; the batch may have any size.
-    pub(crate) fn input(&mut self, name: &str, shape: [usize; 3]) {
-        self.inputs.push(Value::image(name, shape));
+    /// Adds a node that keeps values from 0 to 6.
+    pub(crate) fn clip(&mut self, input: &str, output: &str) {
+        let (low, high) = (format!("{output}_low"), format!("{output}_high"));
+        self.floats(&low, &[], &[0.0]);
+        self.floats(&high, &[], &[6.0]);
+        let node = Node::new("Clip", &[input, &low, &high], output);
+        self.nodes.push(node);
     }
 
-    /// Adds an output, as [`Self::input`].
-    pub(crate) fn output(&mut self, name: &str, shape: [usize; 3]) {
-        self.outputs.push(Value::image(name, shape));
+    /// Adds an input [batch, channel, row, column].
+    pub(crate) fn input(&mut self, name: &str, batch: Batch, shape: [usize; 3]) {
+        self.inputs.push(Value::floats(name, batch, &shape));
+    }
+
+    /// Adds an output [batch, ..].
+    pub(crate) fn output(&mut self, name: &str, batch: Batch, shape: &[usize]) {
+        self.outputs.push(Value::floats(name, batch, shape));
     }
 
     /// The file with this graph.
@@ -237,10 +255,16 @@ impl Graph {
 }
 
 impl Value {
-    fn image(name: &str, shape: [usize; 3]) -> Self {
-        let batch = Axis {
-            size: None,
-            name: Some("n".to_owned()),
+    fn floats(name: &str, batch: Batch, shape: &[usize]) -> Self {
+        let batch = match batch {
+            Batch::Any => Axis {
+                size: None,
+                name: Some("n".to_owned()),
+            },
+            Batch::One => Axis {
+                size: Some(1),
+                name: None,
+            },
         };
         let sizes = shape.iter().map(|&size| Axis {
             size: Some(whole(size)),
@@ -265,4 +289,27 @@ pub(crate) fn operators(file: &[u8]) -> Vec<String> {
     let graph = ModelProto::decode(file).ok().and_then(|model| model.graph);
     let nodes = graph.into_iter().flat_map(|graph| graph.nodes);
     nodes.map(|node| node.operator).collect()
+}
+
+/// The numbers of an attribute of the operator `index` of a file.
+#[cfg(test)]
+pub(crate) fn attribute(file: &[u8], index: usize, name: &str) -> Vec<i64> {
+    let graph = ModelProto::decode(file).unwrap().graph.unwrap();
+    let attributes = graph.nodes[index].attributes.iter();
+    let mut named = attributes.filter(|it| it.name == name);
+    let attribute = named.next().unwrap();
+    attribute
+        .int
+        .map_or_else(|| attribute.ints.clone(), |it| vec![it])
+}
+
+/// Shape and numbers of a constant of a file.
+#[cfg(test)]
+pub(crate) fn constant(file: &[u8], name: &str) -> (Vec<i64>, Vec<f32>) {
+    let graph = ModelProto::decode(file).unwrap().graph.unwrap();
+    let mut named = graph.constants.into_iter().filter(|it| it.name == name);
+    let constant = named.next().unwrap();
+    let floats = constant.data.as_chunks().0.iter();
+    let floats = floats.map(|&bytes| f32::from_le_bytes(bytes)).collect();
+    (constant.shape, floats)
 }
