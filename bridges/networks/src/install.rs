@@ -22,7 +22,7 @@ pub enum Origin {
         /// Where clients are searched; `None`: as this process does.
         search_path: Option<OsString>,
     },
-    /// A downloaded package, or the network's file itself.
+    /// A downloaded package, or the network's file itself; of several files one, with the others next to it.
     File(PathBuf),
 }
 
@@ -80,11 +80,11 @@ pub enum InstallError {
         /// The packages that have it.
         packages: String,
     },
-    /// The file cannot be converted.
-    #[error("converting {file}: {problem}")]
+    /// The files cannot be converted.
+    #[error("converting {files}: {problem}")]
     Convert {
-        /// The name of the file.
-        file: &'static str,
+        /// The names of the files.
+        files: String,
         /// The reason.
         problem: ConvertError,
     },
@@ -110,21 +110,22 @@ pub fn install(
     store: &Store,
     mut report: impl FnMut(&str),
 ) -> Result<Installed, InstallError> {
-    let bytes = match origin {
-        Origin::File(path) => checked_file(network, path)?,
+    let files = match origin {
+        Origin::File(path) => checked_files(network, path)?,
         Origin::Packages { search_path } => {
             let folder = tempfile::tempdir().map_err(|error| {
                 let problem = format!("creating a temporary folder: {error}");
                 InstallError::Write(io::Error::new(error.kind(), problem))
             })?;
             let archive = downloaded(network, folder.path(), search_path.as_ref(), &mut report)?;
-            checked_file(network, &archive)?
+            checked_files(network, &archive)?
         }
     };
-    report(&format!("converting {} to ONNX", network.file));
-    let onnx = network.conversion.apply(&bytes);
+    let names = network.file_names();
+    report(&format!("converting {names} to ONNX"));
+    let onnx = network.conversion.apply(&files);
     let onnx = onnx.map_err(|problem| InstallError::Convert {
-        file: network.file,
+        files: names,
         problem,
     })?;
     store.write(network, &onnx).map_err(InstallError::Write)
@@ -171,15 +172,16 @@ fn downloaded(
     })
 }
 
-/// The network's file in the archive at `path`, if it has the fingerprint of the table.
-fn checked_file(network: &KnownNetwork, path: &Path) -> Result<Vec<u8>, InstallError> {
+/// The network's files in the archive at `path`, if they have the fingerprints of the table.
+fn checked_files(network: &KnownNetwork, path: &Path) -> Result<Vec<Vec<u8>>, InstallError> {
     let packages = || {
         let packages = network.packages.iter();
         let packages =
             packages.map(|it| format!("{} {} ({})", it.name, it.version, it.client.name()));
         packages.collect::<Vec<_>>().join(" or ")
     };
-    let bytes = archive::read_file(path, network.file).map_err(|error| {
+    let names: Vec<&str> = network.files.iter().map(|file| file.name).collect();
+    let files = archive::read_files(path, &names).map_err(|error| {
         let problem = match error.kind() {
             ErrorKind::NotFound if !path.exists() => "found no such file".to_owned(),
             _ => error.to_string(),
@@ -187,20 +189,22 @@ fn checked_file(network: &KnownNetwork, path: &Path) -> Result<Vec<u8>, InstallE
         InstallError::Unreadable {
             path: path.to_owned(),
             problem,
-            expected: format!("{}, or the package {} with it", network.file, packages()),
+            expected: format!("{}, or the package {}", network.file_names(), packages()),
         }
     })?;
-    let found = hexadecimal(digest(&SHA256, &bytes).as_ref());
-    if found == network.sha256 {
-        return Ok(bytes);
+    for (bytes, expected) in files.iter().zip(network.files) {
+        let found = hexadecimal(digest(&SHA256, bytes).as_ref());
+        if found != expected.sha256 {
+            return Err(InstallError::Fingerprint {
+                path: path.to_owned(),
+                found,
+                expected: expected.sha256,
+                file: expected.name,
+                packages: packages(),
+            });
+        }
     }
-    Err(InstallError::Fingerprint {
-        path: path.to_owned(),
-        found,
-        expected: network.sha256,
-        file: network.file,
-        packages: packages(),
-    })
+    Ok(files)
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {

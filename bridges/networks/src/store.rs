@@ -13,6 +13,8 @@ use crate::known::{KNOWN, KnownNetwork, Task};
 
 /// Name of the file with the licence.
 const LICENCE: &str = "LICENCE.txt";
+/// Name of the file with the licence of the package, if it differs.
+const PACKAGE_LICENCE: &str = "LICENCE-OF-PACKAGE.txt";
 /// Longest card that is read, bytes.
 const MAX_CARD_BYTES: u64 = 1 << 20;
 /// All users may read a network, as services run as other users.
@@ -97,11 +99,15 @@ impl Store {
             .tempdir_in(&self.folder);
         let new = at(&self.folder, new)?;
         let licence = licence_text(network);
-        let files = [
+        let mut files = vec![
             (format!("{name}.onnx"), onnx),
             (LICENCE.to_owned(), licence.as_bytes()),
             (format!("{name}.toml"), network.card.as_bytes()),
         ];
+        if let Some(upstream) = network.upstream {
+            let text = upstream.package_licence.text.as_bytes();
+            files.push((PACKAGE_LICENCE.to_owned(), text));
+        }
         for (file, bytes) in files {
             let path = new.path().join(file);
             at(&path, write_synced(&path, bytes))?;
@@ -166,18 +172,29 @@ fn task(card: &Path) -> Result<Task, String> {
     }
 }
 
+/// Source, changes and licence of the network.
 fn licence_text(network: &KnownNetwork) -> String {
+    let files = network.files.iter();
+    let files: Vec<String> = files
+        .map(|it| format!("{} (SHA-256 {})", it.name, it.sha256))
+        .collect();
+    let upstream = network.upstream.map_or(String::new(), |upstream| {
+        format!(
+            "The network is by {}, published under this licence as {}.\nThe package itself is under the licence {}: \
+             {PACKAGE_LICENCE}.\n",
+            upstream.authors, upstream.published, upstream.package_licence.id
+        )
+    });
     let from: Vec<String> = network
         .packages
         .iter()
         .map(|it| format!("{} {} ({})", it.name, it.version, it.client.name()))
         .collect();
     format!(
-        "{}.onnx is made from {} (SHA-256 {})\nof the package {}, under the licence {}.\nChanges: converted to ONNX; only \
+        "{}.onnx is made from {}\nof the package {}, under the licence {}.\n{upstream}Changes: converted to ONNX; only \
          the outputs that Farfield reads are kept.\n\n{}",
         network.name,
-        network.file,
-        network.sha256,
+        files.join("\nand "),
         from.join(" or "),
         network.licence.id,
         network.licence.text

@@ -6,7 +6,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use super::*;
 use crate::convert::HeatMaps;
 use crate::fixture::{SMALL_MAPS, small};
-use crate::known::{Client, Conversion, Licence, Task};
+use crate::known::{Client, Conversion, Licence, PackageFile, Task, Upstream};
 
 const CARD: &str = "kind = \"heatmap\"\nfile = \"small.onnx\"\nbox_margin = 1.25\n\
     input = { name = \"image\", width = 8, height = 8, channels = \"rgb\" }\n\
@@ -33,12 +33,16 @@ fn row() -> KnownNetwork {
         task: Task::Keypoints,
         about: "a test",
         packages: &[PACKAGE, OTHER],
-        file: "small.tflite",
-        sha256: hexadecimal(digest(&SHA256, &small().file()).as_ref()).leak(),
+        files: vec![PackageFile {
+            name: "small.tflite",
+            sha256: hexadecimal(digest(&SHA256, &small().file()).as_ref()).leak(),
+        }]
+        .leak(),
         licence: Licence {
             id: "MIT",
             text: "all of it",
         },
+        upstream: None,
         conversion: Conversion::TfliteHeatMaps(HeatMaps {
             shape: SMALL_MAPS,
             n_keypoints: 2,
@@ -95,6 +99,32 @@ fn a_given_file_becomes_a_network_with_card_and_licence() {
 }
 
 #[test]
+fn a_network_of_others_keeps_its_source_and_the_licence_of_its_package() {
+    let (_folder, file, store) = given();
+    let network = KnownNetwork {
+        upstream: Some(Upstream {
+            authors: "others",
+            published: "a network, their page",
+            package_licence: Licence {
+                id: "ISC",
+                text: "the package's",
+            },
+        }),
+        ..row()
+    };
+    install(&network, &Origin::File(file), &store, |_| {}).unwrap();
+    let text = |name: &str| fs::read_to_string(store.folder().join("small").join(name)).unwrap();
+    assert_eq!(text("LICENCE-OF-PACKAGE.txt"), "the package's");
+    let licence = text("LICENCE.txt");
+    for part in [
+        "by others, published under this licence as a network, their page",
+        "under the licence ISC: LICENCE-OF-PACKAGE.txt",
+    ] {
+        assert!(licence.contains(part), "{licence}");
+    }
+}
+
+#[test]
 fn a_changed_file_is_not_used() {
     let (_folder, file, store) = given();
     let mut bytes = small().file();
@@ -104,7 +134,7 @@ fn a_changed_file_is_not_used() {
     let found = hexadecimal(digest(&SHA256, &bytes).as_ref());
     for part in [
         &found,
-        row().sha256,
+        row().files[0].sha256,
         "the file is not used",
         "@of/small 1.2.3 (npm)",
     ] {
