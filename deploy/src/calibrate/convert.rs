@@ -1,7 +1,7 @@
 //! `farfield calibrate convert`: converts calibrations of other programs.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{anyhow, bail};
 use clap::Args;
@@ -189,10 +189,9 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
         .into_iter()
         .map(|file| TextFile {
             path: args.out.join(&file.path),
-            text: match imported.origin_m.filter(|_| args.to == Format::Farfield) {
-                // The file ends with the table `[metadata]`.
-                Some(origin_m) => format!("{}origin_m = {origin_m:?}\n", file.text),
-                None => file.text,
+            text: match args.to {
+                Format::Farfield => with_origin(file.text, &imported),
+                _ => file.text,
             },
         })
         .collect();
@@ -201,8 +200,7 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
     }
     if args.to == Format::Farfield {
         for file in &texts {
-            let fits = Calibration::parse(&file.text, &file.path);
-            fits.map_err(|error| NodeError::Refused(anyhow!("no run can use it: {error}")))?;
+            usable(&file.text, &file.path).map_err(NodeError::Refused)?;
         }
     }
     for file in &texts {
@@ -214,6 +212,34 @@ pub(super) fn convert(args: &ConvertArgs) -> Result<(), NodeError> {
         lines(&imported, &texts)
     };
     output::print(&result).map_err(NodeError::Failed)
+}
+
+/// The text of a venue's calibration at `path` with the cameras of `imported`, and its content.
+///
+/// # Errors
+/// A camera has no pose, or no run can use the calibration.
+pub(crate) fn venue_calibration(
+    imported: &Imported,
+    path: &Path,
+) -> anyhow::Result<(String, Calibration)> {
+    let files = export(&imported.cameras, Format::Farfield)?;
+    let text: String = files.into_iter().map(|file| file.text).collect();
+    let text = with_origin(text, imported);
+    let calibration = usable(&text, path)?;
+    Ok((text, calibration))
+}
+
+/// `text` with the origin of its world, if that is not the original one.
+fn with_origin(text: String, imported: &Imported) -> String {
+    match imported.origin_m {
+        // The file ends with the table `[metadata]`.
+        Some(origin_m) => format!("{text}origin_m = {origin_m:?}\n"),
+        None => text,
+    }
+}
+
+fn usable(text: &str, path: &Path) -> anyhow::Result<Calibration> {
+    Calibration::parse(text, path).map_err(|error| anyhow!("no run can use it: {error}"))
 }
 
 fn turn_camera(cameras: &mut [CameraRecord], name: &str, quarters: u32) -> anyhow::Result<()> {
@@ -244,6 +270,13 @@ fn options(args: &ConvertArgs) -> ImportOptions {
     }
 }
 
+/// A remark as a line for the operator.
+pub(crate) fn remark_line(remark: &Remark) -> String {
+    let camera = remark.camera.as_deref();
+    let camera = camera.map_or_else(String::new, |camera| format!("camera {camera}: "));
+    format!("{}: {camera}{}", remark.kind.name(), remark.text)
+}
+
 fn json(imported: &Imported, to: Format, texts: &[TextFile]) -> Result<String, NodeError> {
     let converted = Converted {
         from: imported.format.name(),
@@ -268,9 +301,7 @@ fn lines(imported: &Imported, texts: &[TextFile]) -> String {
     )
     .ok();
     for remark in &imported.remarks {
-        let camera = remark.camera.as_deref();
-        let camera = camera.map_or_else(String::new, |camera| format!("camera {camera}: "));
-        writeln!(text, "{}: {camera}{}", remark.kind.name(), remark.text).ok();
+        writeln!(text, "{}", remark_line(remark)).ok();
     }
     for file in texts {
         writeln!(text, "{}", file.path.display()).ok();

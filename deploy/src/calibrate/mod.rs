@@ -20,6 +20,8 @@ mod seen;
 mod sheet;
 mod thin_files;
 
+pub(crate) use self::convert::{remark_line, venue_calibration};
+
 use std::fs;
 use std::path::Path;
 use std::process::ExitCode;
@@ -143,7 +145,7 @@ fn read(path: &Path) -> anyhow::Result<TextFile> {
 }
 
 /// The same for a file that the user gives as a calibration.
-fn read_calibration(path: &Path) -> anyhow::Result<TextFile> {
+pub(crate) fn read_calibration(path: &Path) -> anyhow::Result<TextFile> {
     Ok(TextFile {
         path: path.to_owned(),
         text: text_of(read_bytes(path)?, path)?,

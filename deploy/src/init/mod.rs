@@ -3,6 +3,7 @@
 //! Find (calibration, recordings) -> match names -> rate, viewpoints, field -> write a new file -> check. On a terminal
 //! it asks for missing options; otherwise it refuses and names the option.
 
+mod calibration;
 pub(crate) mod recordings;
 mod seen_field;
 mod venue_text;
@@ -15,14 +16,11 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow, bail, ensure};
 use clap::Args;
-use farfield_calibration::formats::Format;
-use farfield_import::calibrations::{self, Choice, FoundCalibration};
 use farfield_networks::known::Task;
 use farfield_node::log::start_log;
 use farfield_node::process::{ErrorFormat, NodeError, exit_code_with_format, say};
-use farfield_proto::calibration::{Calibration, text_of};
+use farfield_proto::calibration::Calibration;
 use farfield_proto::model_card::{DetectorCard, HeatmapCard, unread_card};
-use farfield_proto::toml_file::unread;
 use farfield_proto::venue::Venue;
 
 use crate::check_venue::check;
@@ -31,6 +29,7 @@ use crate::networks::{INSTALL, card_path, installed_for};
 use crate::output;
 use crate::report_lines::{ReportForm, ReportLines, Verdict};
 
+use self::calibration::VenueCalibration;
 use self::recordings::Recording;
 use self::venue_text::VenueDraft;
 use self::viewpoints::ViewpointArg;
@@ -44,7 +43,7 @@ pub(crate) struct InitArgs {
     pub(crate) folder: PathBuf,
     /// The calibration file.
     ///
-    /// Default: the one in the folder.
+    /// Any that `farfield calibrate convert` reads from one file. Default: the one in the folder.
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
     /// Folder of the recordings.
@@ -77,6 +76,11 @@ pub(crate) struct InitArgs {
     /// Default: the area that two viewpoints see.
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = seen_field::parse)]
     pub(crate) field: Option<[f64; 4]>,
+    /// Refuse pictures a few pixels larger or smaller than the calibration says.
+    ///
+    /// Without it, they are taken as padded or cut at the right and lower edge.
+    #[arg(long)]
+    pub(crate) exact_sizes: bool,
     /// The venue file to write.
     ///
     /// Default: `venue.toml` in the folder.
@@ -100,13 +104,18 @@ fn init(args: &InitArgs) -> Result<ExitCode, NodeError> {
         .out
         .clone()
         .unwrap_or_else(|| args.folder.join("venue.toml"));
-    let text = draft(args, &out).map_err(NodeError::Refused)?;
-    let write = |file: &mut File| {
-        file.write_all(text.as_bytes())?;
-        file.sync_all()
-    };
-    write_new(&out, write).map_err(NodeError::Failed)?;
+    let (text, calibration) = draft(args, &out).map_err(NodeError::Refused)?;
     let mut report = ReportLines::default();
+    if let Some(text) = &calibration.text {
+        write_new(&calibration.path, |file| write_all(file, text)).map_err(NodeError::Failed)?;
+        report.ok("written", calibration.path.display().to_string());
+    }
+    let written = write_new(&out, |file| write_all(file, &text));
+    if written.is_err() && calibration.text.is_some() {
+        // It would refuse the next try.
+        drop(fs::remove_file(&calibration.path));
+    }
+    written.map_err(NodeError::Failed)?;
     report.ok("written", out.display().to_string());
     check(&out, None, &mut report)?;
     let form = ReportForm::from_flag(args.json);
@@ -123,8 +132,8 @@ fn init(args: &InitArgs) -> Result<ExitCode, NodeError> {
     Ok(code)
 }
 
-/// The text of the venue file that will be `out`.
-fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
+/// The text of the venue file that will be `out`, and its calibration.
+fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<(String, VenueCalibration)> {
     ensure!(
         !out.exists(),
         "{} already exists, and is not overwritten: choose another file with `--out FILE`",
@@ -142,13 +151,13 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
         "--out {}: its folder does not exist",
         out.display()
     );
-    let (calibration_path, calibration) = find_calibration(args)?;
+    let calibration = VenueCalibration::find(args, out)?;
     let recordings = recordings::find(
         &args.folder,
         args.videos.as_deref(),
         "set their folder with `--videos DIR`",
     )?;
-    let viewpoints = viewpoints::choose(&args.viewpoint, &calibration)?;
+    let viewpoints = viewpoints::choose(&args.viewpoint, &calibration.calibration)?;
     let cameras: Vec<&str> = viewpoints
         .iter()
         .flat_map(|it| &it.cameras)
@@ -169,76 +178,35 @@ fn draft(args: &InitArgs, out: &Path) -> anyhow::Result<String> {
         out,
         name: venue_text::name_of(&args.folder),
         rate_hz,
-        calibration: &calibration_path,
+        calibration: &calibration.path,
         network: network.as_deref(),
         detector: detector.as_deref(),
         field: args.field,
         viewpoints: &viewpoints,
         matched: &matched,
     };
+    // First without a field: the venue is needed to read pictures, and to compute the area that cameras see.
+    let venue = parsed(&draft.to_toml(), out, &calibration.calibration)?;
+    let resized = if args.exact_sizes {
+        None
+    } else {
+        calibration.of_pictures(&venue, out)?
+    };
+    if let Some(resized) = &resized {
+        draft.calibration = &resized.path;
+    }
+    let used = resized.as_ref().unwrap_or(&calibration);
     if draft.field.is_none() {
-        // First without a field: the venue is needed to compute the area that cameras see.
-        let venue = parsed(&draft.to_toml(), out, &calibration)?;
+        let venue = parsed(&draft.to_toml(), out, &used.calibration)?;
         draft.field = seen_field::seen(&venue);
     }
     let text = draft.to_toml();
-    parsed(&text, out, &calibration)?;
-    Ok(text)
+    parsed(&text, out, &used.calibration)?;
+    Ok((text, resized.unwrap_or(calibration)))
 }
 
 fn parsed(text: &str, out: &Path, calibration: &Calibration) -> anyhow::Result<Venue> {
     Venue::parse(text, out, calibration.clone()).context("the venue file to write is invalid")
-}
-
-/// The given calibration, or the only one in the folder, detected by content.
-fn find_calibration(args: &InitArgs) -> anyhow::Result<(PathBuf, Calibration)> {
-    let read = |path: &Path| -> anyhow::Result<Calibration> {
-        let bytes = fs::read(path).map_err(|error| {
-            let problem = unread(&error, "a calibration in TOML");
-            anyhow!("reading {}: {problem}", path.display())
-        })?;
-        Ok(Calibration::parse(&text_of(bytes, path)?, path)?)
-    };
-    if let Some(path) = &args.calibration {
-        return Ok((path.clone(), read(path)?));
-    }
-    let shown = args.folder.display();
-    let what = match calibrations::among(&recordings::entries(&args.folder)?).choice() {
-        Choice::One(one, others) => {
-            for other in others {
-                say(format_args!("found but not used: {other}"));
-            }
-            let path = as_venue_calibration(&one)?;
-            let calibration = read(&path)?;
-            return Ok((path, calibration));
-        }
-        Choice::Several(all) => format!("found several different calibrations in {shown}: {all}"),
-        Choice::None(unusable) if unusable.is_empty() => format!("found no calibration in {shown}"),
-        Choice::None(unusable) => {
-            let reasons = unusable.join("; ");
-            format!("found no usable calibration in {shown}: {reasons}")
-        }
-    };
-    match answer(&format!("{what}. Which file is the calibration?"))? {
-        Some(path) => Ok((PathBuf::from(&path), read(Path::new(&path))?)),
-        None => bail!("{what}: set the calibration with `--calibration FILE`"),
-    }
-}
-
-/// The file of a calibration in the form for a venue: TOML, in metres.
-fn as_venue_calibration(found: &FoundCalibration) -> anyhow::Result<PathBuf> {
-    let paths = found.paths();
-    if let ([path], Format::Farfield | Format::Caliscope) =
-        (paths.as_slice(), found.imported.format)
-    {
-        return Ok(path.clone());
-    }
-    let files: Vec<String> = paths.iter().map(|it| it.display().to_string()).collect();
-    bail!(
-        "found {}, and a venue needs TOML in metres: `farfield calibrate convert {} --out DIR` writes it",
-        found.shown(),
-        files.join(" ")
-    )
 }
 
 fn rate_hz(args: &InitArgs, recordings: &[Recording]) -> anyhow::Result<f64> {
@@ -325,6 +293,11 @@ fn card(path: &Path) -> anyhow::Result<String> {
     );
     fs::read_to_string(path)
         .map_err(|error| anyhow!("reading the card {shown}: {}", unread_card(&error, path)))
+}
+
+fn write_all(file: &mut File, text: &str) -> io::Result<()> {
+    file.write_all(text.as_bytes())?;
+    file.sync_all()
 }
 
 /// Writes a new file. On failure none remains.

@@ -105,7 +105,12 @@ impl List {
         for row in &self.known {
             let is_installed = if row.is_installed { ", installed" } else { "" };
             let packages = row.packages.join(" or ");
-            writeln!(text, "  {}: {}{is_installed}", row.name, row.about).ok();
+            writeln!(
+                text,
+                "  {}: {}, {}{is_installed}",
+                row.name, row.task, row.about
+            )
+            .ok();
             writeln!(text, "    {} from {packages}", row.licence).ok();
         }
         text
@@ -144,8 +149,8 @@ mod tests {
         let text = List::new(Some(&store), Ok(all)).unwrap().to_text();
         for line in [
             "installed in /store:\n  blazepose: keypoints\n  own: x.onnx does not exist\n",
-            "  blazepose: BlazePose full: 33 keypoints with heels and foot tips, installed\n    Apache-2.0 from @mediapipe/pose",
-            "  blazepose-heavy: BlazePose heavy: the same keypoints, slower\n",
+            "  blazepose: keypoints, BlazePose full: 33 keypoints with heels and foot tips, installed\n    Apache-2.0 from @mediapipe/pose",
+            "  blazepose-heavy: keypoints, BlazePose heavy: the same keypoints, slower\n",
         ] {
             assert!(text.contains(line), "{text}");
         }

