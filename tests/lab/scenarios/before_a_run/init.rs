@@ -1,6 +1,10 @@
 //! `farfield init`: a venue from a folder of recordings and a calibration.
 
 use std::fs;
+use std::path::Path;
+
+use farfield_proto::calibration::Calibration;
+use farfield_proto::camera::CameraModel;
 
 use crate::data::{SampleFolder, checkout};
 
@@ -151,4 +155,65 @@ fn named_cameras_make_a_viewpoint_and_others_are_left_out() {
     assert_eq!(text.matches("[[viewpoint]]").count(), 2, "{text}");
     assert_eq!(text.matches("[[viewpoint.camera]]").count(), 3, "{text}");
     assert!(text.contains("min_m = [-3.0, -3.0, -0.3]"), "{text}");
+}
+
+#[test]
+fn a_calibration_of_another_program_is_converted() {
+    let folder = SampleFolder::new();
+    fs::remove_file(folder.path("venue.toml")).unwrap();
+    let to_theirs = ["calibrate", "convert", "calibration.toml", "--out", "theirs"];
+    let converted = folder.farfield(&[&to_theirs[..], &["--to", "qualisys"]].concat());
+    assert_eq!(converted.code, 0, "{}", converted.stderr);
+    let theirs = fs::read_dir(folder.path("theirs")).unwrap().next();
+    fs::rename(theirs.unwrap().unwrap().path(), folder.path("session.txt")).unwrap();
+    let before = fs::read_to_string(folder.path("calibration.toml")).unwrap();
+    fs::remove_file(folder.path("calibration.toml")).unwrap();
+    let finished = folder.farfield(&["init", ".", "--rate", "30"]);
+    assert_eq!(finished.code, 0, "{}\n{}", finished.stdout, finished.stderr);
+    let read = |text: &str| Calibration::parse(text, Path::new("calibration.toml")).unwrap();
+    let after = fs::read_to_string(folder.path("venue-calibration.toml")).unwrap();
+    let [before, after] = [read(&before), read(&after)];
+    for (name, was) in &before.cameras {
+        let is = &after.cameras[name];
+        let apart_m = (was.center().coordinates_m() - is.center().coordinates_m()).norm();
+        assert!(apart_m < 0.001, "{name}: {apart_m} m");
+    }
+    let finished = folder.farfield(&["run", "venue.toml", "--ticks", "0..10", "--out", "out"]);
+    assert_eq!(finished.code, 0, "{}", finished.stderr);
+}
+
+#[test]
+fn pictures_without_padding_are_accepted_unless_exact_sizes_are_requested() {
+    let folder = SampleFolder::new();
+    fs::remove_file(folder.path("venue.toml")).unwrap();
+    let calibration = fs::read_to_string(folder.path("calibration.toml")).unwrap();
+    let calibration = Calibration::parse(&calibration, Path::new("calibration.toml")).unwrap();
+    let cut_px = |camera: &CameraModel| {
+        let [width, height] = camera.size_px();
+        [width, height - 8]
+    };
+    for (name, camera) in &calibration.cameras {
+        fs::remove_file(folder.path(&format!("{name}.jsonl"))).unwrap();
+        fs::create_dir(folder.path(name)).unwrap();
+        let [width, height] = cut_px(camera);
+        let picture = image::RgbImage::new(width, height);
+        let path = folder.path(&format!("{name}/000000.png"));
+        picture.save(path).unwrap();
+    }
+    let card = checkout().join("edge/testdata/hues17_128x96.toml");
+    let card = card.to_str().unwrap();
+    let init = ["init", ".", "--rate", "30", "--network", card];
+    let exact = folder.farfield(&[&init[..], &["--exact-sizes"]].concat());
+    assert_eq!(exact.code, 1, "{}", exact.stderr);
+    assert!(exact.stdout.contains("the calibration's `size`"), "{}", exact.stdout);
+    assert!(!folder.path("venue-calibration.toml").exists());
+    fs::remove_file(folder.path("venue.toml")).unwrap();
+    folder.farfield(&init);
+    let text = fs::read_to_string(folder.path("venue-calibration.toml")).unwrap();
+    let adapted = Calibration::parse(&text, Path::new("calibration.toml")).unwrap();
+    for (name, was) in &calibration.cameras {
+        let is = &adapted.cameras[name];
+        assert_eq!(is.size_px(), cut_px(was));
+        assert_eq!(is.intrinsics(), was.intrinsics());
+    }
 }
