@@ -58,7 +58,7 @@ pub(crate) fn check_keys(venue: &Venue, path: &Path, now_s: i64, report: &mut Re
             ..Identity::in_folder(folder, node)
         };
         let renew = format!("{make} --renew {node}");
-        check_node(&identity, (&venue.name, node), now_s, &renew, report);
+        check_node(&identity, &venue.name, node, now_s, &renew, report);
     }
 }
 
@@ -86,7 +86,8 @@ fn check_venue_authority(folder: &Path, now_s: i64, report: &mut ReportLines) {
 
 fn check_node(
     identity: &Identity,
-    (venue, node): (&str, &str),
+    venue: &str,
+    node: &str,
     now_s: i64,
     renew: &str,
     report: &mut ReportLines,
@@ -145,7 +146,7 @@ fn check_node(
         report.fail(KEYS, text, "start the node as the user who owns its key");
         return;
     }
-    let misfit = check_own(identity, (venue, node), now_s).err();
+    let misfit = check_own(identity, venue, node, now_s).err();
     // An error of the authority is reported once, not for each node.
     if let Some(misfit) = misfit.filter(|it| it.path != identity.authority) {
         let remedy =

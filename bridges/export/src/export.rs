@@ -136,7 +136,7 @@ impl<'a> Run<'a> {
         let clock = clock_of(&facts, options)?;
         let ticks = clock.first..clock.end;
         let (mut survey, identities) =
-            survey_run((&request.poses, request.edits.as_deref()), &ticks)?;
+            survey_run(&request.poses, request.edits.as_deref(), &ticks)?;
         let people = people_of(&survey, options, identities.names(), &ticks)?;
         let mut owners = BTreeMap::new();
         for path in &request.subjects {
@@ -214,7 +214,7 @@ impl<'a> Run<'a> {
             Format::CsvTidy | Format::Parquet => self.write_table(format, &subjects, file, done),
             Format::Mcap => {
                 let path = file.path().to_owned();
-                write_mcap(self.request, &self.identities, &subjects, (file, &path))?;
+                write_mcap(self.request, &self.identities, &subjects, file, &path)?;
                 for _ in &subjects {
                     done();
                 }
@@ -422,7 +422,8 @@ fn check_frames(person: u32, clock: &Clock) -> Result<(), ExportError> {
 
 /// Surveys a file of poses with its edits.
 fn survey_run(
-    (poses, edits): (&Path, Option<&Path>),
+    poses: &Path,
+    edits: Option<&Path>,
     ticks: &Range<i64>,
 ) -> Result<(Survey, Identities), ExportError> {
     let list = match edits {
@@ -442,7 +443,7 @@ fn survey_run(
 /// # Errors
 /// Errors in the files; also if the person does not exist or has no name.
 pub fn profile_of(poses: &Path, edits: &Path, person: u32) -> Result<SubjectProfile, ExportError> {
-    let (survey, identities) = survey_run((poses, Some(edits)), &(i64::MIN..i64::MAX))?;
+    let (survey, identities) = survey_run(poses, Some(edits), &(i64::MIN..i64::MAX))?;
     let known = survey.people.get(&person).ok_or_else(|| {
         ExportError::Options(format!(
             "found person {person}, expected one of {:?}",

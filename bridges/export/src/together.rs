@@ -130,7 +130,8 @@ pub(crate) fn write_mcap(
     request: &ExportRequest,
     identities: &Identities,
     subjects: &[Subject<'_>],
-    (out, path): (impl Write, &Path),
+    out: impl Write,
+    path: &Path,
 ) -> Result<(), ExportError> {
     // The person who is present longest determines the end of the file.
     let Some(clock) = subjects.iter().map(|it| it.clock).max_by_key(|it| it.end) else {
@@ -141,14 +142,15 @@ pub(crate) fn write_mcap(
     let start = Stamp::from_seconds(clock.seconds(0));
     let writer = FoxgloveWriter::new(out, persons, &request.cameras, clock.rate_hz, start);
     let mut writer = writer.map_err(error)?;
-    for_each_moment((request, identities), subjects, clock, |moment| {
+    for_each_moment(request, identities, subjects, clock, |moment| {
         write_moment(&mut writer, subjects, request, moment).map_err(error)
     })?;
     writer.finish().map_err(error)
 }
 
 fn for_each_moment(
-    (request, identities): (&ExportRequest, &Identities),
+    request: &ExportRequest,
+    identities: &Identities,
     subjects: &[Subject<'_>],
     clock: Clock,
     mut each: impl FnMut(&[(u32, Frame)]) -> Result<(), ExportError>,

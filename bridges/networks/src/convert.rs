@@ -137,7 +137,7 @@ pub fn heat_maps(bytes: &[u8], maps: HeatMaps) -> Result<Vec<u8>, ConvertError> 
     let input = model.input()?;
     let goal = goal(&model, maps)?;
     let producers = producers(&model)?;
-    let needed = needed(&model, &producers, (input, goal))?;
+    let needed = needed(&model, &producers, input, goal)?;
     let mut conversion = Conversion {
         graph: Graph::new("heat maps"),
         weights_left: MAX_GROWTH * model.file_bytes,
@@ -195,7 +195,8 @@ fn producers(model: &Model<'_>) -> Result<Vec<u32>, ConvertError> {
 fn needed(
     model: &Model<'_>,
     producers: &[u32],
-    (input, goal): (usize, usize),
+    input: usize,
+    goal: usize,
 ) -> Result<Vec<bool>, ConvertError> {
     let mut needed = vec![false; model.n_operators()];
     let mut waiting = vec![goal];

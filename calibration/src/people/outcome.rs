@@ -95,7 +95,8 @@ pub fn calibrate(
     if request.timing == Timing::Unknown {
         progress(PeopleStage::Clocks);
         let walkers = walkers(&views, &grounds, &plan, stature_m);
-        let lags = lags(&walkers, request.seed).map_err(|pair| too_long(request, pair))?;
+        let lags = lags(&walkers, request.seed)
+            .map_err(|(first, second)| too_long(request, first, second))?;
         for (clock, lag) in clocks.iter_mut().zip(lags) {
             clock.offset_s += lag as f64 / ticks_hz;
         }
@@ -319,7 +320,7 @@ fn walkers<'a>(
 }
 
 /// The error for two cameras with more lags than can be tried.
-fn too_long(request: &PeopleRequest, (first, second): (usize, usize)) -> PeopleError {
+fn too_long(request: &PeopleRequest, first: usize, second: usize) -> PeopleError {
     let name = |index: usize| {
         let camera = request.cameras.get(index);
         camera.map_or("", |camera| camera.name.as_str())

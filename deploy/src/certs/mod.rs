@@ -76,7 +76,8 @@ fn make(args: &CertsArgs) -> anyhow::Result<()> {
         create(
             [&folder, &Folder::new(&keys_of_authority)],
             &authority,
-            (&bearers, &mut generations),
+            &bearers,
+            &mut generations,
             &readme,
         )?;
     } else {
@@ -218,7 +219,8 @@ fn is_reader(out: &Path, name: &str) -> bool {
 fn create(
     [folder, apart]: [&Folder; 2],
     authority: &Authority,
-    (bearers, generations): (&[Bearer], &mut Generations),
+    bearers: &[Bearer],
+    generations: &mut Generations,
     readme: &str,
 ) -> anyhow::Result<()> {
     let names = [files::AUTHORITY, "README.txt", GENERATIONS_FILE];

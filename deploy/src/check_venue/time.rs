@@ -43,7 +43,7 @@ pub(super) fn check_time(
         _ => "the other recordings",
     };
     check_rates(venue, &infos, all, report);
-    check_lengths(venue, path, (&infos, all), report);
+    check_lengths(venue, path, &infos, all, report);
     if let Some(remark) = starts_apart(venue, &infos) {
         report.advise(TIME, remark);
     }
@@ -87,7 +87,8 @@ fn check_rates(venue: &Venue, infos: &[(String, SourceInfo)], all: &str, report:
 fn check_lengths(
     venue: &Venue,
     path: &Path,
-    (infos, all): (&[(String, SourceInfo)], &str),
+    infos: &[(String, SourceInfo)],
+    all: &str,
     report: &mut ReportLines,
 ) {
     if infos.is_empty() {

@@ -133,11 +133,11 @@ fn demo(args: &DemoArgs) -> Result<Ending, NodeError> {
         ..args.listeners.clone()
     };
     if !args.is_endless() {
-        return show(args, &listeners, (&script, 1), &mut session);
+        return show(args, &listeners, &script, 1, &mut session);
     }
     for round in 1.. {
         let script = script.for_round(round);
-        if show(args, &listeners, (&script, round), &mut session)? == Ending::Interrupted {
+        if show(args, &listeners, &script, round, &mut session)? == Ending::Interrupted {
             break;
         }
     }
@@ -171,7 +171,8 @@ fn recording_of(file: &Path, round: u32) -> PathBuf {
 fn show(
     args: &DemoArgs,
     listeners: &ListenerArgs,
-    (script, round): (&DemoScript, u32),
+    script: &DemoScript,
+    round: u32,
     session: &mut Session,
 ) -> Result<Ending, NodeError> {
     let out = args.out.as_deref().map(|out| out_of_round(out, round));

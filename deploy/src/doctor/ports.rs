@@ -65,7 +65,7 @@ fn check_endpoint(endpoint: &str, runs: VenueRuns, report: &mut ReportLines) {
     match bound {
         Ok(()) => report.ok(PORTS, format!("{endpoint} is free")),
         Err(error) if error.kind() == ErrorKind::AddrInUse => {
-            taken(endpoint, (address, is_datagram), runs, report);
+            taken(endpoint, address, is_datagram, runs, report);
         }
         Err(error) if error.kind() == ErrorKind::AddrNotAvailable => report.warn(
             PORTS,
@@ -82,7 +82,8 @@ fn check_endpoint(endpoint: &str, runs: VenueRuns, report: &mut ReportLines) {
 
 fn taken(
     endpoint: &str,
-    (address, is_datagram): (SocketAddr, bool),
+    address: SocketAddr,
+    is_datagram: bool,
     runs: VenueRuns,
     report: &mut ReportLines,
 ) {

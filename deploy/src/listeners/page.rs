@@ -79,7 +79,8 @@ impl PageServer {
     /// Missing or wrong keys, an address that cannot be used.
     pub(super) async fn start(
         state: Arc<PageState>,
-        (option, address): (&str, Option<SocketAddr>),
+        option: &str,
+        address: Option<SocketAddr>,
         names: &[String],
         (keys, token): (Option<Keys>, Option<Token>),
     ) -> Result<Self, NodeError> {
@@ -173,7 +174,7 @@ impl PageOfRun {
     ) -> Result<(Arc<PageState>, PageServer), NodeError> {
         let state = Arc::clone(&self.state);
         let secrets = (self.keys, token);
-        let server = PageServer::start(self.state, (PAGE, self.address), names, secrets).await?;
+        let server = PageServer::start(self.state, PAGE, self.address, names, secrets).await?;
         if let Some(recordings) = self.recordings {
             let report = record_button::report_state(recordings, Arc::downgrade(&state));
             let until = server.stop.token().clone();

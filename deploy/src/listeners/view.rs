@@ -61,7 +61,7 @@ fn view(args: &ViewArgs) -> Result<Ending, NodeError> {
         let mut signals = Signals::catch()
             .context("catching signals")
             .map_err(NodeError::Failed)?;
-        let server = PageServer::start(state, (AT, args.at), &[], (None, None)).await?;
+        let server = PageServer::start(state, AT, args.at, &[], (None, None)).await?;
         for line in &server.lines {
             say(format_args!("{line}"));
         }

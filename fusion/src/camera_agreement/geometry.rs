@@ -43,7 +43,8 @@ impl SightLines {
     /// `turn p + shift_m`, with the focal lengths times `focal_factor`.
     pub(super) fn displaced(
         &self,
-        (turn, shift_m): (&Matrix3<f64>, &Vector3<f64>),
+        turn: &Matrix3<f64>,
+        shift_m: &Vector3<f64>,
         focal_factor: f64,
     ) -> Self {
         let world_from_camera = self.world_from_camera * turn.transpose();
@@ -86,7 +87,8 @@ impl SightLines {
     /// The share of places along `direction` from `from_m`, at `depths_m`, in view, 0 to 1.
     pub(super) fn share_in_view(
         &self,
-        (from_m, direction): (&Vector3<f64>, &Vector3<f64>),
+        from_m: &Vector3<f64>,
+        direction: &Vector3<f64>,
         depths_m: Range<f64>,
     ) -> f64 {
         let is_seen = |place: usize| {

@@ -150,7 +150,7 @@ impl PairAgreement {
     /// From the sightings that fit, and those that the other camera should show.
     pub(super) fn of_common(a: &CameraRays, b: &CameraRays) -> Self {
         Self::from_sightings(a, b, |(one, by), (other, other_by)| {
-            must_be_seen((one, by), other_by) || must_be_seen((other, other_by), by)
+            must_be_seen(one, by, other_by) || must_be_seen(other, other_by, by)
         })
     }
 
@@ -261,7 +261,7 @@ fn meetings<'a>(
 }
 
 /// Whether a camera sees nearly all places where `body` of another camera may be, by its size.
-fn must_be_seen((body, by): (&[Vector3<f64>], &SightLines), other: &SightLines) -> bool {
+fn must_be_seen(body: &[Vector3<f64>], by: &SightLines, other: &SightLines) -> bool {
     let seen = || {
         body.iter()
             .filter(|direction| direction.norm_squared() > 0.0)
@@ -271,7 +271,7 @@ fn must_be_seen((body, by): (&[Vector3<f64>], &SightLines), other: &SightLines) 
     let depth_m = EXTENT_M / extent.max(f64::MIN_POSITIVE);
     let middle = seen().sum::<Vector3<f64>>() / seen().count().max(1) as f64;
     let depths_m = DEPTH_FACTORS.start * depth_m..DEPTH_FACTORS.end * depth_m;
-    other.share_in_view((&by.center_m, &middle), depths_m) >= MIN_SHARE_IN_VIEW
+    other.share_in_view(&by.center_m, &middle, depths_m) >= MIN_SHARE_IN_VIEW
 }
 
 #[cfg(test)]

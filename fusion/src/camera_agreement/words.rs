@@ -21,7 +21,7 @@ pub(super) fn sentences(
             before_ticks,
             after_ticks,
             since_tick,
-        } => late_in_part(first, [before_ticks, after_ticks], (since_tick, rate_hz)),
+        } => late_in_part(first, [before_ticks, after_ticks], since_tick, rate_hz),
         DisagreementCause::Drifts { ticks_per_minute } => drifts(first, ticks_per_minute),
         DisagreementCause::Mirrored => mirrored(first),
         DisagreementCause::HalfTurned => half_turned(first),
@@ -251,7 +251,8 @@ fn frozen(camera: &str, since_tick: i64, rate_hz: f64) -> (String, String) {
 fn late_in_part(
     camera: &str,
     [before, after]: [f64; 2],
-    (tick, rate_hz): (i64, f64),
+    tick: i64,
+    rate_hz: f64,
 ) -> (String, String) {
     let word = |ticks: f64| {
         if ticks.abs() < 0.05 {

@@ -99,7 +99,7 @@ impl LinkRequest<'_> {
             .map_err(NodeError::refused)?;
         let validity = identity
             .as_ref()
-            .map(|identity| keys::check(identity, (&venue.name, self.node), clock::unix_s()))
+            .map(|identity| keys::check(identity, &venue.name, self.node, clock::unix_s()))
             .transpose()?;
         let exposure = Exposure {
             has_keys: identity.is_some(),

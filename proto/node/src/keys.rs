@@ -26,11 +26,12 @@ use crate::process::NodeError;
 /// probably wrong, and a later start may succeed.
 pub fn check(
     identity: &Identity,
-    (venue, node): (&str, &str),
+    venue: &str,
+    node: &str,
     now_s: i64,
 ) -> Result<Validity, NodeError> {
     let validity = certificate::check(identity, node, now_s)?;
-    check_own(identity, (venue, node), now_s).map_err(|misfit| {
+    check_own(identity, venue, node, now_s).map_err(|misfit| {
         NodeError::refused(anyhow!(
             "{misfit}; copy ca.pem, {node}.pem and {node}.key of venue {venue} there from the folder that `farfield certs` has written"
         ))
@@ -46,7 +47,8 @@ pub fn check(
 /// it is invalid or does not match the certificate, and as [`check_authority`].
 pub fn check_own(
     identity: &Identity,
-    (venue, node): (&str, &str),
+    venue: &str,
+    node: &str,
     now_s: i64,
 ) -> Result<(), FileError> {
     check_name(identity, venue, node)?;
@@ -244,7 +246,7 @@ mod tests {
         let identity = Identity::in_folder(folder.path(), NE.1);
         make(&identity, &common_name(NE.0, NE.1, 2));
         change(&identity);
-        match check(&identity, NE, NOW_S) {
+        match check(&identity, NE.0, NE.1, NOW_S) {
             Ok(_) => Ok(()),
             Err(error @ NodeError::Refused(_)) => Err(error.to_string()),
             Err(error) => panic!("{error}"),
@@ -345,9 +347,9 @@ mod tests {
             common_name("hall", READER, 0),
         ] {
             make(&identity, &name);
-            check_own(&identity, ("hall", "screen"), NOW_S).unwrap();
+            check_own(&identity, "hall", "screen", NOW_S).unwrap();
         }
         make(&identity, &common_name("hall", &reader("door"), 1));
-        check_own(&identity, ("hall", "screen"), NOW_S).unwrap_err();
+        check_own(&identity, "hall", "screen", NOW_S).unwrap_err();
     }
 }

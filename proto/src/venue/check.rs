@@ -61,10 +61,10 @@ pub(super) fn venue(
     });
     parameters.check(file)?;
     let tracked = field(file, raw.field.as_ref(), &cameras)?;
-    let around = (&tracked, parameters.births.outside_field_m);
+    let (people, margin_m) = (raw.person, parameters.births.outside_field_m);
     Ok(Venue {
         court: court(file, raw.field.as_ref())?,
-        given_persons: given_persons(file, raw.person, raw.network.is_some(), around)?,
+        given_persons: given_persons(file, people, raw.network.is_some(), &tracked, margin_m)?,
         field: tracked,
         streams: streams(file, raw.stream)?,
         subjects: subjects(file, raw.subject)?,

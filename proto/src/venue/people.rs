@@ -36,7 +36,8 @@ pub(super) fn given_persons(
     file: &TomlFile<'_>,
     raw: Vec<RawPerson>,
     has_network: bool,
-    (field, margin_m): (&Field, f64),
+    field: &Field,
+    margin_m: f64,
 ) -> Result<Vec<GivenPerson>, FileError> {
     let mut persons = Vec::new();
     for (i, RawPerson { tick, keypoints_m }) in raw.into_iter().enumerate() {

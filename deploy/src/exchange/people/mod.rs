@@ -126,7 +126,7 @@ struct Known {
 pub(crate) fn people(args: &PeopleArgs) -> Result<(), NodeError> {
     let place = Place::find(&args.run).map_err(NodeError::Refused)?;
     if let Some(action @ PeopleAction::Save { person, to }) = &args.action {
-        return save(&place, action, (*person, to));
+        return save(&place, action, *person, to);
     }
     let (place, known) = load(&args.run, place)?;
     if let Place::InProgress { run, .. } = &place {
@@ -226,7 +226,7 @@ impl fmt::Display for PeopleAction {
 }
 
 /// Saves the profile of a person to the file `to`.
-fn save(place: &Place, action: &PeopleAction, (person, to): (u32, &Path)) -> Result<(), NodeError> {
+fn save(place: &Place, action: &PeopleAction, person: u32, to: &Path) -> Result<(), NodeError> {
     check_file("--to", to).map_err(NodeError::Refused)?;
     let edits = place.edits();
     let profile = match place {

@@ -84,7 +84,7 @@ fn first_contact(args: &EdgeArgs) -> Result<FirstContact, NodeError> {
     let identity = identity.transpose().map_err(NodeError::refused)?;
     if let Some(identity) = &identity {
         // Fusion would not answer an invalid certificate.
-        keys::check(identity, (&venue, &args.viewpoint), clock::unix_s())?;
+        keys::check(identity, &venue, &args.viewpoint, clock::unix_s())?;
     }
     let exposure = Exposure {
         has_keys: identity.is_some(),

@@ -191,7 +191,7 @@ impl Changed {
     pub(in crate::camera_agreement) fn lines(&self, calibrated: &SightLines) -> SightLines {
         let turn = Rotation3::from_scaled_axis(self.0.fixed_rows::<3>(0).into_owned());
         let shift_m = self.0.fixed_rows::<3>(3).into_owned();
-        calibrated.displaced((turn.matrix(), &shift_m), self.focal_factor())
+        calibrated.displaced(turn.matrix(), &shift_m, self.focal_factor())
     }
 
     /// Where a camera with the calibrated distortion shows what this one shows at `y`, both normalised.

@@ -100,7 +100,7 @@ impl View {
             {
                 let half_width_cells = half_width_m / expected.cell_m;
                 let map = self.maps.map(keypoint);
-                peaks.find(&map, (expected.cell, half_width_cells));
+                peaks.find(&map, expected.cell, half_width_cells);
             }
         }
     }

@@ -51,7 +51,8 @@ impl MapPeaks {
     pub(super) fn find(
         &mut self,
         map: &PackedMap<'_>,
-        (center, half_width_cells): (Vector2<f64>, f64),
+        center: Vector2<f64>,
+        half_width_cells: f64,
     ) {
         *self = Self {
             are_found: true,
@@ -245,10 +246,7 @@ mod tests {
 
     fn found_peaks(cells: &[u8], center: [f64; 2], half_width_cells: f64) -> MapPeaks {
         let mut peaks = MapPeaks::default();
-        peaks.find(
-            &packed(cells, SIZE).map(0),
-            (center.into(), half_width_cells),
-        );
+        peaks.find(&packed(cells, SIZE).map(0), center.into(), half_width_cells);
         peaks
     }
 

@@ -132,7 +132,7 @@ impl View {
     ) -> Result<(), EvidenceError> {
         let PatchReader { decoder, maps } = reader;
         decoder.decode(&patch.maps, maps)?;
-        self.place(maps, patch, (viewpoint, model))
+        self.place(maps, patch, viewpoint, model)
     }
 
     /// A view of maps that are already decoded; `patch.maps` is not used.
@@ -146,7 +146,7 @@ impl View {
         model: &CameraModel,
     ) -> Result<Self, EvidenceError> {
         let mut view = Self::default();
-        view.place(&mut maps, patch, (viewpoint, model))?;
+        view.place(&mut maps, patch, viewpoint, model)?;
         Ok(view)
     }
 
@@ -155,7 +155,8 @@ impl View {
         &mut self,
         maps: &mut Maps,
         patch: &PersonPatch,
-        (viewpoint, model): (ViewpointIndex, &CameraModel),
+        viewpoint: ViewpointIndex,
+        model: &CameraModel,
     ) -> Result<(), EvidenceError> {
         let (width, height, keypoints) = (maps.width(), maps.height(), maps.keypoints());
         for (crop, grid) in patch.crops.iter().enumerate() {

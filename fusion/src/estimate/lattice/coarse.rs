@@ -53,14 +53,14 @@ impl CoarsePass {
         self.scores.clear();
         self.scores.resize(n * n * n, 0.0);
         for witness in witnesses.iter() {
-            self.add(witness, &views[witness.view], keypoint, (k, step_m));
+            self.add(witness, &views[witness.view], keypoint, k, step_m);
         }
         self.weigh(k, step_m / parameters.prior_sigma_m);
         self.find_modes(k, step_m);
     }
 
     /// Adds the weighted map of one view to every point.
-    fn add(&mut self, witness: &Witness, view: &View, keypoint: usize, (k, step_m): (usize, f64)) {
+    fn add(&mut self, witness: &Witness, view: &View, keypoint: usize, k: usize, step_m: f64) {
         let n = 2 * k + 1;
         let (width, height) = view.map_size();
         view.map(keypoint).write_unpacked(&mut self.map);

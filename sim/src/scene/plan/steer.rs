@@ -109,7 +109,8 @@ pub(super) fn steer(way: &UnitWay, around: &Obstacles<'_>) -> Vec<(f64, Vector2<
                         way,
                         around,
                         step,
-                        (index, parent),
+                        index,
+                        parent,
                         rate,
                         &mut |_, _| {},
                     ));
@@ -152,16 +153,9 @@ fn retrace(
     for step in 0..generations.len() - 1 {
         let parent = &generations[step][chosen[step]];
         let rate = generations[step + 1][chosen[step + 1]].rate;
-        follow(
-            way,
-            around,
-            step,
-            (0, parent),
-            rate,
-            &mut |yaw_rad, at_m| {
-                route.push((yaw_rad, at_m));
-            },
-        );
+        follow(way, around, step, 0, parent, rate, &mut |yaw_rad, at_m| {
+            route.push((yaw_rad, at_m));
+        });
     }
     route
 }
@@ -172,7 +166,8 @@ fn follow(
     way: &UnitWay,
     around: &Obstacles<'_>,
     step: usize,
-    (index, parent): (usize, &SteeredCourse),
+    index: usize,
+    parent: &SteeredCourse,
     rate: i32,
     passed: &mut impl FnMut(f64, Vector2<f64>),
 ) -> SteeredCourse {

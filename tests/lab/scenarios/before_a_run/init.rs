@@ -161,7 +161,13 @@ fn named_cameras_make_a_viewpoint_and_others_are_left_out() {
 fn a_calibration_of_another_program_is_converted() {
     let folder = SampleFolder::new();
     fs::remove_file(folder.path("venue.toml")).unwrap();
-    let to_theirs = ["calibrate", "convert", "calibration.toml", "--out", "theirs"];
+    let to_theirs = [
+        "calibrate",
+        "convert",
+        "calibration.toml",
+        "--out",
+        "theirs",
+    ];
     let converted = folder.farfield(&[&to_theirs[..], &["--to", "qualisys"]].concat());
     assert_eq!(converted.code, 0, "{}", converted.stderr);
     let theirs = fs::read_dir(folder.path("theirs")).unwrap().next();
@@ -205,7 +211,11 @@ fn pictures_without_padding_are_accepted_unless_exact_sizes_are_requested() {
     let init = ["init", ".", "--rate", "30", "--network", card];
     let exact = folder.farfield(&[&init[..], &["--exact-sizes"]].concat());
     assert_eq!(exact.code, 1, "{}", exact.stderr);
-    assert!(exact.stdout.contains("the calibration's `size`"), "{}", exact.stdout);
+    assert!(
+        exact.stdout.contains("the calibration's `size`"),
+        "{}",
+        exact.stdout
+    );
     assert!(!folder.path("venue-calibration.toml").exists());
     fs::remove_file(folder.path("venue.toml")).unwrap();
     folder.farfield(&init);

@@ -40,7 +40,7 @@ impl Display for Figures<'_> {
             count(own, is_numeric_constant)
         };
         let all = &workspace.files;
-        let pairs = count(all, |line| line.contains("): (") && !line.contains("|("));
+        let pairs = count(all, is_tuple_parameter);
         let wordings = all
             .iter()
             .flat_map(RustFile::tests)
@@ -141,6 +141,11 @@ fn is_small(file: &RustFile) -> bool {
 
 fn is_markdown(path: &str) -> bool {
     Path::new(path).extension().is_some_and(|it| it == "md")
+}
+
+/// Whether a line has a parameter that is taken apart. A `let` with types is none.
+fn is_tuple_parameter(line: &str) -> bool {
+    line.contains("): (") && !line.contains("|(") && !line.trim_start().starts_with("let ")
 }
 
 /// Whether a line defines a named number, or several.
