@@ -74,7 +74,7 @@ fn init_without_a_network_names_the_command_that_installs_one() {
     let place = Place::new();
     let error = place.refusal(&["init", "recordings", "--rate", "60"]);
     assert!(
-        error.contains("`farfield networks install blazepose`"),
+        error.contains("`farfield networks install blazepose movenet-people`"),
         "{error}"
     );
 }

@@ -76,10 +76,11 @@ pub(crate) struct InitArgs {
     /// Default: the area that two viewpoints see.
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = seen_field::parse)]
     pub(crate) field: Option<[f64; 4]>,
-    /// Refuse pictures a few pixels larger or smaller than the calibration says.
+    /// Refuse pictures that differ by padding.
     ///
-    /// Without it, they are taken as padded or cut at the right and lower edge.
-    #[arg(long)]
+    /// Without it, pictures a few pixels larger or smaller than the calibration says are taken as padded or cut at the
+    /// right and lower edge.
+    #[arg(long, hide_short_help = true)]
     pub(crate) exact_sizes: bool,
     /// The venue file to write.
     ///

@@ -203,8 +203,11 @@ fn pictures_without_padding_are_accepted_unless_exact_sizes_are_requested() {
         fs::create_dir(folder.path(name)).unwrap();
         let [width, height] = cut_px(camera);
         let picture = image::RgbImage::new(width, height);
-        let path = folder.path(&format!("{name}/000000.png"));
-        picture.save(path).unwrap();
+        for file in ["000000.png", "000001.png"] {
+            picture
+                .save(folder.path(&format!("{name}/{file}")))
+                .unwrap();
+        }
     }
     let card = checkout().join("edge/testdata/hues17_128x96.toml");
     let card = card.to_str().unwrap();
