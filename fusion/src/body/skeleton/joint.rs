@@ -74,7 +74,7 @@ impl Link {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[expect(
     missing_docs,
-    reason = "the names are the documentation; `formats.md` says what each is"
+    reason = "the names are the documentation; the table below has the parents"
 )]
 pub enum Joint {
     Pelvis,

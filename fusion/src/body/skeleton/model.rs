@@ -28,7 +28,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// Upright with hanging arms (the neutral pose of `formats.md`), at `root_m` in the world and
+    /// Upright with hanging arms (the neutral pose), at `root_m` in the world and
     /// turned by `root_rotation` (identity: facing the world's +x).
     pub fn neutral(root_m: Vector3<f64>, root_rotation: UnitQuaternion<f64>) -> Self {
         let mut dof = [0.0; N_JOINT_DOF];
@@ -286,7 +286,7 @@ macro_rules! proportions {
         }
 
         impl Proportions {
-            /// The average body of that stature (metres): the ratios of `formats.md`, after Drillis
+            /// The average body of that stature (metres): shares of the stature, after Drillis
             /// and Contini where these have them.
             pub fn from_stature(stature_m: f64) -> Self {
                 Self { $($field: $ratio * stature_m,)* }

@@ -25,7 +25,7 @@ use crate::subject::Subject;
 const VERSION: &str = "40000";
 /// Mass of a person over the square of the stature, kg/m²: the middle of the normal range.
 const MASS_PER_SQUARE: f64 = 22.0;
-/// From the sole to the centre of the head, in statures: 0.53 + 0.07 + 0.22 + 0.10 (`formats.md`).
+/// From the sole to the centre of the head, in statures: 0.53 + 0.07 + 0.22 + 0.10 (`Proportions`).
 const HEAD_HEIGHT: f64 = 0.92;
 /// Thickness of a segment as a share of its length, for its inertia and its shape.
 const THICKNESS: f64 = 0.15;
