@@ -175,9 +175,7 @@ fn downloaded(
 /// The network's files in the archive at `path`, if they have the fingerprints of the table.
 fn checked_files(network: &KnownNetwork, path: &Path) -> Result<Vec<Vec<u8>>, InstallError> {
     let packages = || {
-        let packages = network.packages.iter();
-        let packages =
-            packages.map(|it| format!("{} {} ({})", it.name, it.version, it.client.name()));
+        let packages = network.packages.iter().map(Package::to_string);
         packages.collect::<Vec<_>>().join(" or ")
     };
     let names: Vec<&str> = network.files.iter().map(|file| file.name).collect();

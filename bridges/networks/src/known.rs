@@ -2,6 +2,8 @@
 //!
 //! A new network is a row of [`KNOWN`]; one in another file format is also a variant of [`Conversion`].
 
+use std::fmt;
+
 use crate::convert::{self, CentreBoxes, ConvertError, HeatMaps};
 
 /// A package manager that downloads an archive without installing it.
@@ -24,6 +26,13 @@ pub struct Package {
     pub version: &'static str,
     /// Approximate size of the download, megabytes.
     pub megabytes: u32,
+}
+
+/// Its name, version and client.
+impl fmt::Display for Package {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {} ({})", self.name, self.version, self.client.name())
+    }
 }
 
 /// The task of a network.

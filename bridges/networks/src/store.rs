@@ -9,7 +9,7 @@ use farfield_node::files::read_text_bounded;
 use farfield_node::networks::{card_in, folder, is_installed_name};
 use farfield_proto::model_card::ModelCard;
 
-use crate::known::{KNOWN, KnownNetwork, Task};
+use crate::known::{KNOWN, KnownNetwork, Package, Task};
 
 /// Name of the file with the licence.
 const LICENCE: &str = "LICENCE.txt";
@@ -185,11 +185,8 @@ fn licence_text(network: &KnownNetwork) -> String {
             upstream.authors, upstream.published, upstream.package_licence.id
         )
     });
-    let from: Vec<String> = network
-        .packages
-        .iter()
-        .map(|it| format!("{} {} ({})", it.name, it.version, it.client.name()))
-        .collect();
+    let from = network.packages.iter().map(Package::to_string);
+    let from: Vec<String> = from.collect();
     format!(
         "{}.onnx is made from {}\nof the package {}, under the licence {}.\n{upstream}Changes: converted to ONNX; only \
          the outputs that Farfield reads are kept.\n\n{}",

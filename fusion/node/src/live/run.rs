@@ -170,7 +170,7 @@ impl<'a> LiveFusion<'a> {
 
     /// Steps the next tick if it is due; otherwise returns when to check again.
     fn advance(&mut self, worker: &FusionWorker) -> anyhow::Result<Option<Micros>> {
-        if self.ticks.is_in_core() || self.is_over() {
+        if self.is_over() {
             return Ok(None);
         }
         let now_us = self.interceptor.clock.now_us();

@@ -122,7 +122,9 @@ impl<'a> Viewpoints<'a> {
         let slow = needs.into_iter().filter(|(_, nth)| *nth >= every_nth);
         let slow: Vec<String> = slow.map(|(name, _)| name).collect();
         // If edges have time again, the plan follows shortly: until then the old reason stays.
-        if !slow.is_empty() {
+        if every_nth <= 1 {
+            self.slow.clear();
+        } else if !slow.is_empty() {
             self.slow = slow;
         }
     }

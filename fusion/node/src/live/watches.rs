@@ -147,17 +147,17 @@ impl LiveFusion<'_> {
     /// Fewer ticks for all edges than the venue's rate.
     fn plan(&self) -> Option<Condition> {
         let every_nth = self.viewpoints.plan.every_nth();
-        let rate_hz = self.config.venue.rate_hz;
+        let (slow, rate_hz) = (&self.viewpoints.slow, self.config.venue.rate_hz);
         let condition = || {
             Condition::of("plan")
                 .words(format!(
                     "the edges share ticks at {:.0} of {rate_hz:.0} Hz: more is too much for {}",
                     rate_hz / f64::from(every_nth),
-                    self.viewpoints.slow.join(", ")
+                    slow.join(", ")
                 ))
                 .ends("the edges work at every tick again")
         };
-        (every_nth > 1).then(condition)
+        (!slow.is_empty()).then(condition)
     }
 
     /// A missed target latency, with its cause and the viewpoints that are left out.

@@ -98,7 +98,8 @@ impl<'a> LockStepFusion<'a> {
             reporter,
             stop,
         } = outside;
-        self.send_boxes(first)?;
+        self.send_boxes(first);
+        self.check_sent()?;
         loop {
             let deadline = self.deadline;
             tokio::select! {
@@ -195,23 +196,27 @@ impl<'a> LockStepFusion<'a> {
         self.outbox.results(&mut stepped);
         let is_over = tick + 1 >= self.ticks.end;
         if !is_over {
-            self.send_boxes(&stepped.boxes)?;
+            self.send_boxes(&stepped.boxes);
         }
+        self.check_sent()?;
         reporter.tick(&stepped.poses, self.outbox.tally.bytes());
         Ok(is_over)
     }
 
-    fn send_boxes(&mut self, sets: &[BoxSet]) -> anyhow::Result<()> {
+    fn send_boxes(&mut self, sets: &[BoxSet]) {
         for set in sets {
             self.outbox.boxes(set);
         }
-        // Without one of its messages a tick would never be complete.
+        let timeout_s = self.venue.parameters.link.lockstep_timeout_s;
+        self.deadline = Some(Instant::now() + Duration::from_secs_f64(timeout_s));
+    }
+
+    /// Refuses a lost message: without boxes a tick would never be complete, and no result may be missing.
+    fn check_sent(&self) -> anyhow::Result<()> {
         ensure!(
             self.outbox.unsent == 0,
             "the network accepts no more messages"
         );
-        let timeout_s = self.venue.parameters.link.lockstep_timeout_s;
-        self.deadline = Some(Instant::now() + Duration::from_secs_f64(timeout_s));
         Ok(())
     }
 
