@@ -1,7 +1,8 @@
 //! Boxes: predicted joints to the image regions that edges crop, paper, eq. (2) and (4).
 //!
-//! A box contains every joint with the margin m, and the projected lattice around every joint,
-//! because there is no information outside a crop. Joints behind a camera have no projection and
+//! A box contains every joint with the margin m, and the cube around every joint in which it can be:
+//! large for a person who is hardly seen, whose views disagree, or whose box is used later. It is no
+//! larger: networks are trained with crops that people fill, and neighbours confuse them. Joints behind a camera have no projection and
 //! are omitted; links that cross the near plane are cut there. Points beyond the used part of a
 //! fisheye's view are moved to the rim of that part: there is nothing to crop behind it. Nothing
 //! here assumes an upright person.
@@ -35,20 +36,20 @@ const RASTER: usize = 7;
 pub struct BoxShape {
     /// The margin m of eq. (2): the venue's, else that of the network's card.
     pub margin: f64,
-    /// Half width of the lattice around each joint, metres; its projection lies inside the box.
-    pub lattice_half_width_m: f64,
+    /// Largest distance of a joint from its predicted place, per axis, metres.
+    pub reach_m: f64,
     /// Whether and when boxes turn.
     pub parameters: BoxParameters,
 }
 
 impl BoxShape {
-    /// The shape of boxes `horizon_s` ahead: wider on each side by a t²/2, for an unpredicted
-    /// acceleration.
+    /// The shape of boxes `horizon_s` ahead of a person whose joints are known to `doubt_m`: wider
+    /// on each side by that and by a t²/2, for an unpredicted acceleration.
     #[must_use]
-    pub fn after(&self, horizon_s: f64) -> Self {
+    pub fn after(&self, horizon_s: f64, doubt_m: f64) -> Self {
         let unforeseen_m = 0.5 * self.parameters.acceleration_m_s2 * horizon_s * horizon_s;
         Self {
-            lattice_half_width_m: self.lattice_half_width_m + unforeseen_m,
+            reach_m: self.reach_m + doubt_m + unforeseen_m,
             ..self.clone()
         }
     }
@@ -66,7 +67,7 @@ impl Boxes {
     /// later (world, metres).
     ///
     /// ```text
-    ///   size = max(m (max - min), extent of the projected lattices)      along the box's own axes
+    ///   size = max(m (max - min), extent of the projected cubes)         along the box's own axes
     ///   rotation = atan2(vx, -vy), v = neck - pelvis in the image        = -B' of eq. (4)
     /// ```
     ///
@@ -93,7 +94,7 @@ impl Boxes {
         let trunk = Trunk::seen_by(model, &now_seen)?;
         let turned = trunk.turns(self.turned[index], &shape.parameters);
         let rotation = |trunk: &Trunk| if turned { trunk.rotation_rad() } else { 0.0 };
-        let cube = Cube::new(&p, shape.lattice_half_width_m);
+        let cube = Cube::new(&p, shape.reach_m);
         let around = |seen: &ProjectedJoints<'_>, trunk: &Trunk| {
             Region::around(model, (seen, &cube), rotation(trunk), shape.margin)
         };

@@ -16,7 +16,7 @@ const TOLERANCE_PX: f64 = 0.01;
 fn shape() -> BoxShape {
     BoxShape {
         margin: 1.25,
-        lattice_half_width_m: 0.25,
+        reach_m: 0.25,
         parameters: BoxParameters::default(),
     }
 }
@@ -246,7 +246,7 @@ fn plain_extent(joints: &Joints, rotation_rad: f64) -> (Vector2<f64>, Vector2<f6
         Rotation2::new(-rotation_rad)
             * Vector2::new(kept(h.x / h.z, far_px[0]), kept(h.y / h.z, far_px[1]))
     };
-    let half_m = shape.lattice_half_width_m;
+    let half_m = shape.reach_m;
     let (mut body, mut all) = (Vec::new(), Vec::new());
     for joint in Joint::ALL {
         let h = p * joints[joint.index()].push(1.0);
@@ -294,7 +294,7 @@ proptest! {
         let joints = posed(Rotation3::new(axis_angle.into()), [x, y, 1.0]);
         let (model, shape) = (model(), shape());
         let p = model.projection_matrix();
-        let (seen, cube) = (ProjectedJoints::new(&p, &joints), Cube::new(&p, shape.lattice_half_width_m));
+        let (seen, cube) = (ProjectedJoints::new(&p, &joints), Cube::new(&p, shape.reach_m));
         if let Some(region) = Region::around(&model, (&seen, &cube), turn, shape.margin) {
             let (least, most) = plain_extent(&joints, turn);
             let size_px = (most - least).map(|side| side.max(LEAST_SIDE_PX));

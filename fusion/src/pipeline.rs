@@ -173,7 +173,7 @@ impl Pipeline {
             range_of_motion: range.enabled.then(|| RangeOfMotion::new(range.factor)),
             box_shape: BoxShape {
                 margin,
-                lattice_half_width_m: parameters.lattice.half_width_m,
+                reach_m: 0.0,
                 parameters: parameters.boxes.clone(),
             },
             keypoints,

@@ -38,6 +38,9 @@ const TRUNK: usize = THIGH + 3;
 /// metres per axis.
 const OFFSET_SIGMA_M: f64 = 0.014;
 const LENGTH_SIGMA_M: f64 = 0.02;
+/// The same for the distance of a hip from the pelvis: one that could change would take most of what
+/// the offsets of both hips explain, and it is not used.
+const HIP_SIDE_SIGMA_M: f64 = 0.005;
 /// Time between used ticks, seconds: errors of a network hardly change within.
 const EVERY_S: f64 = 0.15;
 /// Time after which a tick has full weight, seconds: w is the elapsed time over this.
@@ -157,10 +160,10 @@ impl SiteFit {
         let before = self.before.unwrap_or_default() + lengths(measured);
         let (mut information, mut pull) = (*self.information, self.pull);
         for a in 0..N {
-            let sigma_m = if a < THIGH {
-                OFFSET_SIGMA_M
-            } else {
-                LENGTH_SIGMA_M
+            let sigma_m = match a {
+                HIP_SIDE => HIP_SIDE_SIGMA_M,
+                THIGH.. => LENGTH_SIGMA_M,
+                _ => OFFSET_SIGMA_M,
             };
             let precision = 1.0 / (sigma_m * sigma_m);
             information[(a, a)] += precision;

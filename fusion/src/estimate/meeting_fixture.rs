@@ -53,7 +53,7 @@ impl MeetingFixture {
             range_of_motion: None,
             box_shape: BoxShape {
                 margin: 1.25,
-                lattice_half_width_m: parameters.lattice.half_width_m,
+                reach_m: 0.0,
                 parameters: parameters.boxes.clone(),
             },
             keypoints,

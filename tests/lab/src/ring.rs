@@ -92,7 +92,7 @@ impl CameraRing {
             range_of_motion: Some(RangeOfMotion::new(1.0)),
             box_shape: BoxShape {
                 margin: 1.25,
-                lattice_half_width_m: parameters.lattice.half_width_m,
+                reach_m: 0.0,
                 parameters: parameters.boxes.clone(),
             },
             parameters,

@@ -14,6 +14,9 @@ use crate::estimate::uncertainty;
 use crate::estimate::uncertainty::MadeOf;
 use crate::method::Method;
 
+/// Boxes reach so many standard deviations around predicted joints.
+const SURE_SIGMAS: f64 = 2.0;
+
 /// A predicted body for the tick of a set of boxes.
 #[derive(Debug, Clone)]
 pub struct BodyAhead {
@@ -35,11 +38,24 @@ impl Estimator {
             motion.predict(ticks, method.dt_s, prediction, &mut joints_m);
             joints_m
         };
+        // The lattice does not search farther.
+        let farthest_m = method.parameters.lattice.half_width_m;
+        let doubt_m = (SURE_SIGMAS * self.typical_sigma_m()).min(farthest_m);
         BodyAhead {
             now_m: at(horizon_ticks),
             next_m: at(horizon_ticks + 1.0),
-            shape: method.box_shape.after(horizon_ticks * method.dt_s),
+            shape: (method.box_shape).after(horizon_ticks * method.dt_s, doubt_m),
         }
+    }
+
+    /// The median of the joints' standard deviations, metres per axis; infinite until the person was seen.
+    fn typical_sigma_m(&self) -> f64 {
+        let sigma_m = self.estimate.uncertainty.sigma_m();
+        sigma_m.map_or(f64::INFINITY, |mut sigma_m| {
+            *sigma_m
+                .select_nth_unstable_by(N_JOINTS / 2, f64::total_cmp)
+                .1
+        })
     }
 
     /// The boxes of a person predicted as `ahead`, in those of `cameras` that will see it, paper

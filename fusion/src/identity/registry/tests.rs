@@ -69,7 +69,7 @@ pub(in crate::identity) fn method(venue: &Venue) -> Method {
         range_of_motion: Some(RangeOfMotion::new(1.0)),
         box_shape: BoxShape {
             margin: 1.25,
-            lattice_half_width_m: 0.25,
+            reach_m: 0.0,
             parameters: parameters.boxes.clone(),
         },
         keypoints,

@@ -164,9 +164,9 @@ declare_parameters! {
             /// A trunk that appears shorter than this share of its length is seen end-on, and the
             /// box stays upright.
             end_on_ratio: f64 = 0.5, "", 0.0 to 1.0;
-            /// Largest acceleration of people while a box is on its way: boxes include the
-            /// positions that this allows.
-            acceleration_m_s2: f64 = 3.0, "m/s2", 0.0 to 100.0;
+            /// Largest acceleration of people while a box is on its way, that of a sprinter who
+            /// starts: boxes include the positions that this allows.
+            acceleration_m_s2: f64 = 10.0, "m/s2", 0.0 to 100.0;
             /// The camera of a viewpoint from which a person is cropped.
             camera_choice: CameraChoice = CameraChoice::BestView;
         }

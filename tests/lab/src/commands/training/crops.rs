@@ -14,7 +14,7 @@ use farfield_proto::frames::Point;
 use farfield_proto::id::CameraIndex;
 use farfield_proto::keypoints::COCO17;
 use farfield_proto::model_card::{CellToInput, Channels, NetworkInput, Normalize};
-use farfield_proto::venue::parameters::{BoxParameters, LatticeParameters};
+use farfield_proto::venue::parameters::BoxParameters;
 use farfield_sim::body::Build;
 use farfield_sim::motion::Clip;
 use nalgebra::{Point3, Vector3};
@@ -234,7 +234,7 @@ fn draw_viewing(joints_m: &Joints, stature_m: f64, rng: &mut ChaCha8Rng) -> Opti
 fn box_of(camera: &CameraModel, joints_m: &Joints, rng: &mut ChaCha8Rng) -> Option<BoundingBox> {
     let shape = BoxShape {
         margin: 1.25,
-        lattice_half_width_m: LatticeParameters::default().half_width_m,
+        reach_m: 0.0,
         parameters: BoxParameters::default(),
     };
     let seen = Boxes::default().camera_box(CameraIndex(0), camera, (joints_m, joints_m), &shape);
