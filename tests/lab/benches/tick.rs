@@ -177,7 +177,7 @@ fn maps() -> &'static (&'static str, Vec<Maps>) {
 fn real_maps() -> anyhow::Result<Vec<Maps>> {
     let default_root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared");
     let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| default_root.into(), PathBuf::from);
-    let mut run = InProcess::open(&root.join("data/pose2sim/single/venue.toml"), None)?;
+    let mut run = InProcess::open(&root.join("data/pose2sim/single/venue.toml"))?;
     let mut maps = Vec::new();
     for _ in 0..6 {
         let trace = run

@@ -4,7 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use farfield_lab::leave_one_out::{BODY_KEYPOINTS, PersonRun, median};
+use farfield_lab::in_process::InProcess;
+use farfield_lab::leave_one_out::{ViewsRun, median};
 use serde_json::Value;
 
 use crate::data::{cases, onnx_runtime, recording};
@@ -165,9 +166,19 @@ fn a_bystander_outside_the_field_is_not_confirmed() {
 }
 
 /// The run with all four views, made once.
-fn run_of_all_views(venue: &Path) -> &'static PersonRun {
-    static RUN: OnceLock<PersonRun> = OnceLock::new();
-    RUN.get_or_init(|| PersonRun::make(venue, None).unwrap())
+fn run_of_all_views(venue: &Path) -> &'static ViewsRun {
+    static RUN: OnceLock<ViewsRun> = OnceLock::new();
+    RUN.get_or_init(|| ViewsRun::make(InProcess::open(venue).unwrap(), None).unwrap())
+}
+
+/// Distances of our keypoints and of triangulated ones to the peaks of `view`, at the same ticks and keypoints, pixels.
+fn distances_px(run: &ViewsRun, view: usize) -> (Vec<f64>, Vec<f64>) {
+    let man = run.most_seen().unwrap();
+    let residuals = run.residuals(view, |_, person| person == man);
+    let both = residuals
+        .iter()
+        .filter_map(|r| Some((r.ours_px, r.triangulated_px?)));
+    both.unzip()
 }
 
 #[test]
@@ -181,9 +192,8 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
     let (mut ours_all, mut dlt_all) = (Vec::new(), Vec::new());
     // The first two have the least and the largest distances of the four.
     for withheld in cases("a withheld view of the treadmill", [1, 2, 0, 3], 2) {
-        let run = PersonRun::make(&venue, Some(withheld)).unwrap();
-        // Distances of both methods to the peaks of the withheld view, pixels.
-        let (ours, dlt) = run.residuals_px(withheld, BODY_KEYPOINTS);
+        let run = ViewsRun::without(&venue, withheld, None).unwrap();
+        let (ours, dlt) = distances_px(&run, run.withheld_view());
         println!(
             "treadmill, view {withheld} withheld, {} keypoints: ours {:.2} px, DLT {:.2} px (medians)",
             ours.len(),
@@ -200,7 +210,7 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
     );
     let (mut ours_in, mut dlt_in) = (Vec::new(), Vec::new());
     for view in 0..4 {
-        let (ours, dlt) = run_of_all_views(&venue).residuals_px(view, BODY_KEYPOINTS);
+        let (ours, dlt) = distances_px(run_of_all_views(&venue), view);
         ours_in.extend(ours);
         dlt_in.extend(dlt);
     }
@@ -226,8 +236,9 @@ fn wrists_and_ankles_move_with_less_than_half_the_jerk_of_triangulation() {
         return;
     }
     let recording = run_of_all_views(&venue);
+    let man = recording.most_seen().unwrap();
     let names = ["left_wrist", "right_wrist", "left_ankle", "right_ankle"];
-    let (ours, dlt) = recording.jerk_m_s3(&names);
+    let (ours, dlt) = recording.jerk_m_s3(man, &names);
     println!(
         "treadmill, mean jerk of wrists and ankles: ours {ours:.0} m/s3, DLT {dlt:.0} m/s3, ratio {:.2}",
         ours / dlt

@@ -10,25 +10,32 @@ use farfield_edge::detector::OnnxDetector;
 use farfield_edge::inference::{KeypointNetwork, PersonDetector};
 use farfield_edge::network::OnnxKeypointNetwork;
 use farfield_edge::pipeline::{EdgeOutput, StandIn, StepRequest};
-use farfield_edge::source::{FrameSource, Sources as _, common_ticks};
+use farfield_edge::source::{Frame, FrameSource, SourceError, Sources as _, common_ticks};
 use farfield_fusion::align::TickGroup;
+use farfield_fusion::body::skeleton::{Joints, N_JOINTS};
+use farfield_fusion::boxes::{BoxShape, Boxes};
 use farfield_fusion::camera_agreement::AgreementReport;
 use farfield_fusion::identity::track::Track;
-use farfield_proto::id::{SessionId, ViewpointIndex};
+use farfield_proto::camera::CameraModel;
+use farfield_proto::id::{CameraIndex, SessionId, ViewpointIndex};
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::identity_event::IdentityEvent;
-use farfield_proto::message::{BoxSet, PatchSet, PoseSet};
+use farfield_proto::message::{BoxSet, Order, PatchSet, PersonBoxes, PoseSet};
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
+use nalgebra::Vector3;
 
 use crate::conditions::{Cuts, FarLinks, InFlight};
 use farfield_sim::simulated::VenueSources;
 
+/// One source per camera.
+type FrameSources = Vec<Box<dyn FrameSource>>;
+
 /// One viewpoint: its cameras' sources and its pipeline.
 struct ViewpointEdge {
-    sources: Vec<Box<dyn FrameSource>>,
+    sources: FrameSources,
     pipeline: farfield_edge::pipeline::EdgePipeline,
 }
 
@@ -39,8 +46,6 @@ pub struct InProcess {
     fusion: farfield_fusion::pipeline::Pipeline,
     boxes: Vec<BoxSet>,
     ticks: Range<Tick>,
-    /// The viewpoint whose patches and sightings fusion does not receive.
-    withheld: Option<ViewpointIndex>,
     cuts: Option<Cuts>,
     links: InFlight,
     /// Late patches in flight to fusion.
@@ -51,7 +56,7 @@ pub struct InProcess {
 pub struct TickTrace {
     /// The tick.
     pub tick: Tick,
-    /// Outputs of the edges by viewpoint, including the withheld one.
+    /// Outputs of the edges by viewpoint.
     pub edges: Vec<EdgeOutput>,
     /// Live poses of this tick.
     pub poses: PoseSet,
@@ -68,23 +73,28 @@ impl InProcess {
     ///
     /// # Errors
     /// The venue's files, networks or sources are refused.
-    pub fn open(path: &Path, withheld: Option<ViewpointIndex>) -> anyhow::Result<Self> {
-        let venue = farfield_node::files::load_venue(path)?;
-        let known = VenueSources::default();
-        let infos = venue
-            .cameras
-            .iter()
-            .map(|camera| Ok((camera.model.name().to_owned(), known.probe(camera, &venue)?)))
-            .collect::<anyhow::Result<Vec<_>>>()?;
-        let ticks = common_ticks(&infos, None)?;
-        let sources = venue
-            .cameras
-            .iter()
-            .map(|camera| Ok(known.open(camera, &venue, ticks.start)?))
-            .collect::<anyhow::Result<Vec<_>>>()?;
-        let mut this = Self::new(venue, sources, ticks)?;
-        this.withheld = withheld;
-        Ok(this)
+    pub fn open(path: &Path) -> anyhow::Result<Self> {
+        Self::open_venue(farfield_node::files::load_venue(path)?)
+    }
+
+    /// As [`Self::open`], for a venue in memory.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_venue(venue: Venue) -> anyhow::Result<Self> {
+        let (sources, ticks) = opened_sources(&venue)?;
+        Self::new(venue, sources, ticks)
+    }
+
+    /// From now on each camera shows its next frame at all of `n_ticks`.
+    ///
+    /// # Errors
+    /// A frame cannot be read.
+    pub fn hold_still(&mut self, n_ticks: i64) -> anyhow::Result<()> {
+        self.ticks.end = self.ticks.start + n_ticks;
+        self.edges
+            .iter_mut()
+            .try_for_each(ViewpointEdge::hold_still)
     }
 
     /// Starts a venue that need not be a file. `sources` has one entry per camera of the venue, in its order, each with its next
@@ -92,11 +102,7 @@ impl InProcess {
     ///
     /// # Errors
     /// A network or detector cannot be loaded, its maps do not fit the wire, or the number of sources is not that of the cameras.
-    pub fn new(
-        venue: Venue,
-        sources: Vec<Box<dyn FrameSource>>,
-        ticks: Range<Tick>,
-    ) -> anyhow::Result<Self> {
+    pub fn new(venue: Venue, sources: FrameSources, ticks: Range<Tick>) -> anyhow::Result<Self> {
         let (got, expected) = (sources.len(), venue.cameras.len());
         ensure!(got == expected, "{got} sources for {expected} cameras");
         let mut sources: Vec<Option<Box<dyn FrameSource>>> =
@@ -113,7 +119,6 @@ impl InProcess {
             edges,
             fusion,
             ticks,
-            withheld: None,
             cuts: None,
             links: InFlight::new(FarLinks::default()),
             late: VecDeque::new(),
@@ -198,10 +203,6 @@ impl InProcess {
         });
         let mut edges = outputs.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
         self.links.lose(&mut edges);
-        let received = edges
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| self.withheld != Some(ViewpointIndex(*i as u16)));
         let mut group = TickGroup {
             tick,
             ..TickGroup::default()
@@ -216,7 +217,7 @@ impl InProcess {
         while let Some(set) = self.late.pop_front_if(|set| set.tick + late <= tick) {
             self.fusion.add_late(&set);
         }
-        for (_, output) in received.filter(|_| !is_cut) {
+        for output in edges.iter().filter(|_| !is_cut) {
             group.patch_sets.extend(output.patch_sets.iter().cloned());
             group
                 .sighting_sets
@@ -284,6 +285,14 @@ impl ViewpointEdge {
         Ok(Self { sources, pipeline })
     }
 
+    fn hold_still(&mut self) -> anyhow::Result<()> {
+        for source in &mut self.sources {
+            let frame = source.next_frame()?.context("a source without a frame")?;
+            *source = Box::new(StillSource(frame));
+        }
+        Ok(())
+    }
+
     fn step(&mut self, tick: Tick, boxes: &BoxSet) -> anyhow::Result<EdgeOutput> {
         let frames = self
             .sources
@@ -304,6 +313,118 @@ impl ViewpointEdge {
             timing: None,
         };
         Ok(self.pipeline.step(&frames, &request, &mut |_| {})?)
+    }
+}
+
+/// A viewpoint whose results fusion does not receive. It looks at the people of a run with the crops of their poses.
+pub struct Onlooker {
+    edge: ViewpointEdge,
+    camera: CameraModel,
+    boxes: Boxes,
+    shape: BoxShape,
+}
+
+impl Onlooker {
+    /// Opens the one viewpoint of `venue`, which has one camera.
+    ///
+    /// # Errors
+    /// As [`InProcess::open`].
+    pub fn open(venue: &Venue) -> anyhow::Result<Self> {
+        let (sources, _) = opened_sources(venue)?;
+        let mut sources: Vec<Option<Box<dyn FrameSource>>> =
+            sources.into_iter().map(Some).collect();
+        let camera = venue.cameras.first().context("a venue without cameras")?;
+        let network = venue
+            .network
+            .as_deref()
+            .context("a venue without a network")?;
+        let of_card = read_card(network)?.box_margin;
+        Ok(Self {
+            edge: ViewpointEdge::new(venue, ViewpointIndex(0), &mut sources)?,
+            camera: camera.model.clone(),
+            boxes: Boxes::default(),
+            shape: BoxShape {
+                margin: venue.parameters.boxes.margin.unwrap_or(of_card),
+                reach_m: 0.0,
+                parameters: venue.parameters.boxes.clone(),
+            },
+        })
+    }
+
+    /// Its camera.
+    pub fn camera(&self) -> &CameraModel {
+        &self.camera
+    }
+
+    /// As [`InProcess::hold_still`].
+    ///
+    /// # Errors
+    /// A frame cannot be read.
+    pub fn hold_still(&mut self) -> anyhow::Result<()> {
+        self.edge.hold_still()
+    }
+
+    /// The patches of the people with `poses`, at their tick, which is the next.
+    ///
+    /// # Errors
+    /// The source or the network fails.
+    pub fn look(&mut self, poses: &PoseSet) -> anyhow::Result<EdgeOutput> {
+        let mut persons = Vec::new();
+        for pose in &poses.persons {
+            let mut joints_m: Joints = [Vector3::zeros(); N_JOINTS];
+            for (joint_m, at_m) in joints_m.iter_mut().zip(&pose.joints_m) {
+                *joint_m = at_m.map(f64::from).into();
+            }
+            let both = (&joints_m, &joints_m);
+            let camera = CameraIndex(0);
+            let own = self
+                .boxes
+                .camera_box(camera, &self.camera, both, &self.shape);
+            persons.extend(own.map(|own| PersonBoxes {
+                person: pose.person,
+                cameras: vec![own],
+            }));
+        }
+        let boxes = BoxSet {
+            session: poses.session,
+            tick: poses.tick,
+            viewpoint: ViewpointIndex(0),
+            part: 0,
+            parts: 1,
+            order: Order::Track,
+            live: None,
+            detection_cameras: Vec::new(),
+            persons,
+        };
+        self.edge.step(poses.tick, &boxes)
+    }
+}
+
+/// The sources of all cameras of `venue`, and the ticks that they have in common.
+fn opened_sources(venue: &Venue) -> anyhow::Result<(FrameSources, Range<Tick>)> {
+    let known = VenueSources::default();
+    let infos = venue
+        .cameras
+        .iter()
+        .map(|camera| Ok((camera.model.name().to_owned(), known.probe(camera, venue)?)))
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    let ticks = common_ticks(&infos, None)?;
+    let sources = venue
+        .cameras
+        .iter()
+        .map(|camera| Ok(known.open(camera, venue, ticks.start)?))
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    Ok((sources, ticks))
+}
+
+/// One frame for ever.
+struct StillSource(Frame);
+
+impl FrameSource for StillSource {
+    fn next_frame(&mut self) -> Result<Option<Frame>, SourceError> {
+        let frame = self.0.clone();
+        self.0.tick = frame.tick + 1;
+        Ok(Some(frame))
     }
 }
 

@@ -9,7 +9,7 @@
 //! | [`conditions`] | links that are cut, far or lossy, in ticks and without a network |
 //! | [`live_venue`], [`relay`], [`namespaces`], [`small_disk`] | live venues of processes, or of edges played from a recording; relays and network namespaces between them; disks that are full or hang |
 //! | [`bytes`] | our codec of maps and other codecs: bytes against errors |
-//! | [`view_peaks`], [`leave_one_out`] | plain triangulation as a reference, and a comparison without a truth |
+//! | [`view_peaks`], [`leave_one_out`] | plain triangulation as a reference, and a comparison with a view that was withheld |
 //! | [`afar`] | real recordings as from a camera much farther away |
 //! | [`ring`] | a walker in a ring of viewpoints, for benches and tests of fusion alone |
 //! | [`hostile_input`], [`corpus`] | the functions of the fuzz targets, and the inputs that fuzzers found |

@@ -144,7 +144,7 @@ impl Curve {
         let mut outcomes = Vec::new();
         for &codec in codecs {
             let (stand_in, sent) = stand_ins(codec);
-            let mut nodes = InProcess::open(venue, None)?;
+            let mut nodes = InProcess::open(venue)?;
             if let Some(stand_in) = &stand_in {
                 nodes.set_stand_in(&**stand_in);
             }

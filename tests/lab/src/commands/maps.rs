@@ -103,7 +103,7 @@ fn run_venue(
     ticks: Option<usize>,
     tap: &dyn Fn() -> Box<dyn StandIn>,
 ) -> anyhow::Result<()> {
-    let mut nodes = InProcess::open(path, None)?;
+    let mut nodes = InProcess::open(path)?;
     nodes.set_stand_in(tap);
     for _ in 0..ticks.unwrap_or(usize::MAX) {
         if nodes.step()?.is_none() {

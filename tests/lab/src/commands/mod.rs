@@ -15,6 +15,7 @@ mod fuzz;
 mod links;
 mod live_pixels;
 mod maps;
+mod real;
 mod render;
 mod scenes;
 mod soak;
@@ -38,6 +39,7 @@ use self::fuzz::{CorpusArgs, FuzzSeedsArgs};
 use self::links::LinksArgs;
 use self::live_pixels::LivePixelsArgs;
 use self::maps::MapsArgs;
+use self::real::RealArgs;
 use self::render::RenderArgs;
 use self::soak::SoakArgs;
 use self::suite::SuiteArgs;
@@ -66,6 +68,8 @@ enum LabCommand {
     Links(LinksArgs),
     /// Compare a venue of videos at its real rate with the same venue in lock-step.
     LivePixels(LivePixelsArgs),
+    /// Run real recordings, and compare with views that were withheld and with plain triangulation.
+    Real(RealArgs),
     /// Run the faults of a venue's first month: clocks, nodes, links, strangers, disks.
     Faults(FaultsArgs),
     /// Check that fusion keeps up with recorded sets of many people and viewpoints, live.
@@ -113,6 +117,7 @@ pub fn main() -> ExitCode {
         LabCommand::Bytes(args) => bytes::study(&args),
         LabCommand::Links(args) => links::links(&args),
         LabCommand::LivePixels(args) => live_pixels::live_pixels(&args),
+        LabCommand::Real(args) => real::real(&args),
         LabCommand::Faults(args) => faults::faults(&args),
         LabCommand::Crowd(args) => crowd::crowd(&args),
         LabCommand::Soak(args) => soak::soak(&args),

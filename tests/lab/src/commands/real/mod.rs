@@ -1,0 +1,259 @@
+//! `lab real`: real recordings, in one table. Where no truth is known, poses are compared with the peaks of a view that was
+//! withheld, next to plain weighted triangulation of the same views.
+
+mod moments;
+mod shelf;
+
+use std::fmt;
+use std::fs::{self, File};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, ensure};
+use farfield::output;
+use farfield_node::process::NodeError;
+use farfield_proto::order_statistics::percentile;
+use farfield_proto::tick::Tick;
+
+use self::shelf::ShelfScore;
+use crate::leave_one_out::{Residual, ViewsRun};
+
+/// Ticks for which a moment is shown.
+const STILL_TICKS: i64 = 30;
+
+/// Largest median and 90th percentile, percent of a person's height: a tenth above what was reached.
+const MOMENTS_AT_MOST: [f64; 2] = [2.9, 9.6];
+const TREADMILL_AT_MOST: [f64; 2] = [3.4, 6.6];
+
+/// Arguments of `lab real`.
+#[derive(Debug, clap::Args)]
+pub(super) struct RealArgs {
+    /// Folder with `data` and `models` [default: `$FARFIELD_DATA`, else ../shared].
+    #[arg(long, value_name = "DIR")]
+    recordings: Option<PathBuf>,
+    /// Only these trials: moments, treadmill, shelf.
+    #[arg(long, value_name = "TRIAL", num_args = 1..)]
+    only: Vec<String>,
+    /// Write each comparison as a line of a CSV file per trial.
+    #[arg(long, value_name = "DIR")]
+    csv: Option<PathBuf>,
+    /// Fail if a figure is more than a tenth above what was reached when this check was written.
+    #[arg(long)]
+    check: bool,
+}
+
+/// A comparison with a withheld view.
+struct Comparison {
+    withheld: usize,
+    residual: Residual,
+}
+
+/// All comparisons of one trial.
+struct Trial {
+    name: String,
+    comparisons: Vec<Comparison>,
+    /// People at the end, by withheld view.
+    people: Vec<usize>,
+}
+
+/// Median, mean and 90th percentile of distances, percent of a person's height.
+#[derive(Clone, Copy)]
+struct Distances {
+    median: f64,
+    mean: f64,
+    p90: f64,
+}
+
+/// Runs the trials, and prints the table.
+///
+/// # Errors
+/// A recording is missing or a run fails; with `--check`, a figure is out of bounds.
+pub(super) fn real(args: &RealArgs) -> Result<(), NodeError> {
+    compare(args).map_err(NodeError::Failed)
+}
+
+fn compare(args: &RealArgs) -> anyhow::Result<()> {
+    let is_wanted = |name: &str| args.only.is_empty() || args.only.iter().any(|only| only == name);
+    let given = args.recordings.clone();
+    let root = given
+        .or_else(|| std::env::var_os("FARFIELD_DATA").map(PathBuf::from))
+        .unwrap_or_else(|| PathBuf::from("../shared"));
+    let (data, models) = (root.join("data"), root.join("models"));
+    let mut failures = Vec::new();
+    output::print(&format!("{HEAD}\n"))?;
+    if is_wanted("moments") {
+        let mut all = Vec::new();
+        for moment in moments::moments_in(&data.join("panoptic"))? {
+            let trial = moment_trial(&moment, &models)?;
+            trial.report(args)?;
+            all.extend(trial.comparisons);
+        }
+        let trial = Trial {
+            name: "moments".to_owned(),
+            comparisons: all,
+            people: Vec::new(),
+        };
+        trial.report(args)?;
+        failures.extend(trial.failure(&MOMENTS_AT_MOST));
+    }
+    if is_wanted("treadmill") {
+        let trial = treadmill_trial(&data.join("pose2sim/single/venue.toml"))?;
+        trial.report(args)?;
+        failures.extend(trial.failure(&TREADMILL_AT_MOST));
+    }
+    if is_wanted("shelf") {
+        let score = ShelfScore::measure(&data.join("shelf"))?;
+        output::print(&score.to_string())?;
+        failures.extend(score.failure());
+    }
+    let failed = failures.join("; ");
+    ensure!(!args.check || failures.is_empty(), "{failed}");
+    Ok(())
+}
+
+/// A moment with each view withheld in turn. The last tick is compared.
+fn moment_trial(moment: &Path, models: &Path) -> anyhow::Result<Trial> {
+    let folder = tempfile::tempdir()?;
+    let venue = moments::write_venue(moment, models, folder.path())?;
+    let n_views = farfield_node::files::load_venue(&venue)?.viewpoints.len();
+    let mut trial = Trial::new(&moment.file_name().unwrap_or_default().to_string_lossy());
+    for view in 0..n_views {
+        let run = ViewsRun::without(&venue, view, Some(STILL_TICKS))?;
+        let last = Tick(STILL_TICKS - 1);
+        trial.people.push(run.people_at(last));
+        trial.add(
+            view,
+            run.residuals(run.withheld_view(), |tick, _| tick == last),
+        );
+    }
+    Ok(trial)
+}
+
+/// The man on the treadmill with each view withheld in turn, at all ticks.
+fn treadmill_trial(venue: &Path) -> anyhow::Result<Trial> {
+    let n_views = farfield_node::files::load_venue(venue)?.viewpoints.len();
+    let mut trial = Trial::new("treadmill");
+    for view in 0..n_views {
+        let run = ViewsRun::without(venue, view, None)?;
+        let man = run.most_seen().context("nobody on the treadmill")?;
+        trial.add(
+            view,
+            run.residuals(run.withheld_view(), |_, person| person == man),
+        );
+    }
+    Ok(trial)
+}
+
+impl Trial {
+    fn new(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            comparisons: Vec::new(),
+            people: Vec::new(),
+        }
+    }
+
+    fn add(&mut self, withheld: usize, residuals: Vec<Residual>) {
+        let comparisons = residuals.into_iter();
+        self.comparisons
+            .extend(comparisons.map(|residual| Comparison { withheld, residual }));
+    }
+
+    /// Our distances and those of triangulation.
+    fn distances(&self) -> Option<[Distances; 2]> {
+        let residuals = self.comparisons.iter().map(|it| it.residual);
+        let ours = residuals.clone().map(|r| 100.0 * r.ours_px / r.height_px);
+        let theirs = residuals.filter_map(|r| Some(100.0 * r.triangulated_px? / r.height_px));
+        Some([
+            Distances::of(ours.collect())?,
+            Distances::of(theirs.collect())?,
+        ])
+    }
+
+    /// Prints the trial, and writes its CSV file if asked.
+    fn report(&self, args: &RealArgs) -> anyhow::Result<()> {
+        output::print(&format!("{self}\n"))?;
+        let Some(folder) = &args.csv else {
+            return Ok(());
+        };
+        fs::create_dir_all(folder)?;
+        let mut file = File::create(folder.join(format!("{}.csv", self.name)))?;
+        writeln!(
+            file,
+            "withheld,tick,person,keypoint,ours_px,triangulated_px,height_px"
+        )?;
+        for Comparison { withheld, residual } in &self.comparisons {
+            let r = residual;
+            let triangulated = r.triangulated_px.map(|px| format!("{px:.2}"));
+            writeln!(
+                file,
+                "{withheld},{},{},{},{:.2},{},{:.1}",
+                r.tick.0,
+                r.person.0,
+                r.keypoint,
+                r.ours_px,
+                triangulated.unwrap_or_default(),
+                r.height_px
+            )?;
+        }
+        Ok(())
+    }
+
+    /// What is wrong if median or 90th percentile exceed `at_most`.
+    fn failure(&self, at_most: &[f64; 2]) -> Option<String> {
+        let name = &self.name;
+        let Some([ours, _]) = self.distances() else {
+            return Some(format!("{name}: nobody was found"));
+        };
+        let is_within = ours.median <= at_most[0] && ours.p90 <= at_most[1];
+        (!is_within).then(|| {
+            let [median, p90] = at_most;
+            format!("{name}: {ours}, at most {median} and {p90} are allowed")
+        })
+    }
+}
+
+impl Distances {
+    fn of(mut distances: Vec<f64>) -> Option<Self> {
+        distances.sort_by(f64::total_cmp);
+        let n = distances.len() as f64;
+        let mean = distances.iter().sum::<f64>() / n;
+        Some(Self {
+            median: percentile(&distances, 0.5)?,
+            mean,
+            p90: percentile(&distances, 0.9)?,
+        })
+    }
+}
+
+const HEAD: &str =
+    "distance from the peaks of a withheld view, % of a person's height: median / mean / P90
+          trial      n                 ours        triangulation  ratios            people";
+
+impl fmt::Display for Distances {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { median, mean, p90 } = self;
+        write!(f, "{median:5.2} / {mean:5.2} / {p90:5.2}")
+    }
+}
+
+impl fmt::Display for Trial {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, people, .. } = self;
+        let n = self.comparisons.len();
+        let Some([ours, theirs]) = self.distances() else {
+            return write!(f, "{name:>15} nobody was found");
+        };
+        let [median, mean, p90] = [
+            ours.median / theirs.median,
+            ours.mean / theirs.mean,
+            ours.p90 / theirs.p90,
+        ];
+        let people: Vec<String> = people.iter().map(ToString::to_string).collect();
+        write!(
+            f,
+            "{name:>15} {n:>6}  {ours}  {theirs}  {median:.2} {mean:.2} {p90:.2}  {}",
+            people.join(" ")
+        )
+    }
+}
