@@ -21,7 +21,7 @@ use crate::in_process::{InProcess, Onlooker};
 use crate::view_peaks::{PeakReader, ViewPeak};
 
 /// The 12 keypoints below the head, by their COCO names: those after the five of the face.
-pub const BODY_KEYPOINTS: &[&str] = COCO17.split_at(5).1;
+const BODY_KEYPOINTS: &[&str] = COCO17.split_at(5).1;
 
 /// Least height of a peak, for triangulation and for the comparison.
 const MIN_PEAK: f32 = 0.4;
@@ -162,7 +162,7 @@ impl ViewsRun {
         self.n_used
     }
 
-    /// The person with the most views, summed over ticks; `None` if nobody was found.
+    /// The person with the most views, summed over ticks; `None` if no person was found.
     pub fn most_seen(&self) -> Option<PersonId> {
         let mut views: BTreeMap<PersonId, u32> = BTreeMap::new();
         for ((_, person), frame) in &self.frames {

@@ -14,8 +14,8 @@ use crate::estimate::uncertainty;
 use crate::estimate::uncertainty::MadeOf;
 use crate::method::Method;
 
-/// Boxes reach so many standard deviations around predicted joints.
-const SURE_SIGMAS: f64 = 2.0;
+/// How far a box reaches around each predicted joint, in standard deviations of its joints.
+const BOX_SIGMAS: f64 = 2.0;
 
 /// A predicted body for the tick of a set of boxes.
 #[derive(Debug, Clone)]
@@ -40,7 +40,7 @@ impl Estimator {
         };
         // The lattice does not search farther.
         let farthest_m = method.parameters.lattice.half_width_m;
-        let doubt_m = (SURE_SIGMAS * self.typical_sigma_m()).min(farthest_m);
+        let doubt_m = (BOX_SIGMAS * self.typical_sigma_m()).min(farthest_m);
         BodyAhead {
             now_m: at(horizon_ticks),
             next_m: at(horizon_ticks + 1.0),

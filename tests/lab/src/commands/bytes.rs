@@ -11,11 +11,10 @@ use farfield_node::process::NodeError;
 use farfield_sim::simulated::in_memory::Input;
 use farfield_sim::simulated::without_map_faults;
 
+use super::recordings_folder;
 use farfield::output;
 use farfield_sim::embedded::{write_detector, write_network};
 
-/// The folder of scenes and recordings if `FARFIELD_DATA` is not set.
-const DATA: &str = "../shared";
 /// The name of the recording on the command line.
 const SHELF: &str = "shelf";
 /// Default: the suite of the paper, the scene in which single peaks are not enough, and the Shelf.
@@ -47,7 +46,7 @@ pub(crate) struct BytesArgs {
 /// # Errors
 /// A scene is missing or wrong, a run fails, or the result cannot be written.
 pub(super) fn study(args: &BytesArgs) -> Result<(), NodeError> {
-    let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
+    let root = recordings_folder();
     let requested: Vec<String> = if args.scenes.is_empty() {
         USUAL.map(str::to_owned).into()
     } else {

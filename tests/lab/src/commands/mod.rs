@@ -22,6 +22,7 @@ mod soak;
 mod suite;
 mod training;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -98,6 +99,12 @@ enum LabCommand {
     Figures(FiguresArgs),
     /// Write the sample venue of two walkers.
     WalkVenue(WalkVenueArgs),
+}
+
+/// The folder of scenes, recordings and networks: `$FARFIELD_DATA`, else ../shared.
+fn recordings_folder() -> PathBuf {
+    let set = std::env::var_os("FARFIELD_DATA");
+    set.map_or_else(|| PathBuf::from("../shared"), PathBuf::from)
 }
 
 /// Runs the command of this process's command line.

@@ -17,15 +17,13 @@ use farfield_sim::simulated::without_map_faults;
 use serde::Serialize;
 use tempfile::TempDir;
 
+use super::recordings_folder;
 use crate::in_process::InProcess;
 use crate::suite::report::bars::{BarVerdict, verdicts};
 use crate::suite::report::limits::behind_limits;
 use crate::suite::report::{Overview, SceneReport};
 use crate::suite::scenes::{NamedScene, choose};
 use crate::suite::studies::{MethodStudy, camera_choices, predictors};
-
-/// The folder of scenes and recordings if `FARFIELD_DATA` is not set.
-const DATA: &str = "../shared";
 
 /// Arguments of `lab suite`.
 #[expect(
@@ -89,7 +87,7 @@ struct SuiteReport {
 /// A scene is missing or wrong, none is left to run, a run fails, a plot cannot be written, or with `--check` a figure is
 /// worse than its limit.
 pub(crate) fn suite(args: &SuiteArgs) -> Result<(), NodeError> {
-    let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
+    let root = recordings_folder();
     let mut chosen = choose(&args.scenes, &root).map_err(NodeError::Refused)?;
     if args.pixels {
         chosen.leave_out_mirrors();
@@ -238,7 +236,7 @@ pub(super) struct AgreementArgs {
 /// # Errors
 /// A scene is missing or wrong, a run fails, or there is a warning about a camera.
 pub(super) fn agreement(args: &AgreementArgs) -> Result<(), NodeError> {
-    let root = std::env::var_os("FARFIELD_DATA").map_or_else(|| PathBuf::from(DATA), PathBuf::from);
+    let root = recordings_folder();
     let chosen = choose(&args.scenes, &root).map_err(NodeError::Refused)?;
     if let Some(note) = &chosen.note {
         output::print(&format!("NOTE: {note}\n")).map_err(NodeError::Failed)?;

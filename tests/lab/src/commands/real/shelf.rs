@@ -12,7 +12,7 @@ use farfield_score::points::PointSet;
 use farfield_score::{ActorScore, score};
 
 /// Least mean-end and both-ends PCP, percent: what was reached, less a tenth of what is missing to 100.
-const LEAST: [[f64; 2]; 2] = [[97.3, 95.0], [97.1, 96.2]];
+const LEAST: [[f64; 2]; 2] = [[97.4, 95.5], [97.1, 96.2]];
 
 /// The actors of the literature.
 const ACTORS: [u32; 3] = [1, 2, 3];
