@@ -143,10 +143,10 @@ pub struct Pipeline {
 }
 
 impl Pipeline {
-    /// The core for `venue`, whose network has the card `card` (`None`: the 17 COCO keypoints, as
-    /// in keypoint files).
+    /// The core for `venue`, whose network has the card `card` (`None`: the venue has
+    /// keypoint files only).
     pub fn new(venue: &Venue, card: Option<&HeatmapCard>, session: SessionId) -> Self {
-        let keypoints = card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints.clone());
+        let keypoints = card.map_or(&venue.keypoints, |card| &card.output.keypoints);
         let no_offsets = BTreeMap::new();
         let parameters = venue.parameters.clone();
         let margin = parameters
@@ -158,10 +158,10 @@ impl Pipeline {
         let method = Method {
             dt_s: 1.0 / venue.rate_hz,
             sites: sites_of(
-                &keypoints,
+                keypoints,
                 card.map_or(&no_offsets, |card| &card.keypoint_offsets),
             ),
-            relative_sigmas: relative_sigmas(&keypoints),
+            relative_sigmas: relative_sigmas(keypoints),
             peak_sigma_of_width: card.map_or(PEAK_SIGMA_OF_WIDTH, |card| {
                 card.output.peak_sigma_of_width()
             }),
@@ -176,7 +176,7 @@ impl Pipeline {
                 reach_m: 0.0,
                 parameters: parameters.boxes.clone(),
             },
-            keypoints,
+            keypoints: keypoints.clone(),
             parameters,
         };
         let delay = Delay::of_ms(method.parameters.smoothing.delay_ms, venue.rate_hz);

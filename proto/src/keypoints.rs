@@ -21,6 +21,33 @@ pub const COCO17: [&str; 17] = [
     "right_ankle",
 ];
 
+/// COCO's 17 keypoints and then the six of its extension for feet, as in COCO-WholeBody.
+pub const COCO23: [&str; 23] = [
+    "nose",
+    "left_eye",
+    "right_eye",
+    "left_ear",
+    "right_ear",
+    "left_shoulder",
+    "right_shoulder",
+    "left_elbow",
+    "right_elbow",
+    "left_wrist",
+    "right_wrist",
+    "left_hip",
+    "right_hip",
+    "left_knee",
+    "right_knee",
+    "left_ankle",
+    "right_ankle",
+    "left_big_toe",
+    "left_small_toe",
+    "left_heel",
+    "right_big_toe",
+    "right_small_toe",
+    "right_heel",
+];
+
 /// The names of a network's keypoints, in the order of its maps.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeypointSet {
@@ -33,6 +60,25 @@ impl KeypointSet {
         Self {
             names: COCO17.map(str::to_owned).to_vec(),
         }
+    }
+
+    /// The set that files call `name`.
+    ///
+    /// # Errors
+    /// If no set has this name; says which there are.
+    pub fn named(name: &str) -> Result<Self, String> {
+        let names: &[&str] = match name {
+            "coco17" => &COCO17,
+            "coco23" => &COCO23,
+            other => {
+                return Err(format!(
+                    "found \"{other}\", expected \"coco17\" or \"coco23\" (with feet)"
+                ));
+            }
+        };
+        Ok(Self {
+            names: names.iter().copied().map(str::to_owned).collect(),
+        })
     }
 
     /// A network's own list.
@@ -73,6 +119,17 @@ impl KeypointSet {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_set_with_feet_begins_with_those_of_coco() {
+        assert_eq!(COCO23[..COCO17.len()], COCO17);
+        assert_eq!(KeypointSet::named("coco23").unwrap().names(), COCO23);
+        let error = KeypointSet::named("halpe26").unwrap_err();
+        assert!(
+            error.contains("halpe26") && error.contains("coco23"),
+            "{error}"
+        );
+    }
 
     #[test]
     fn eleven_coco_keypoints_come_from_the_rotated_crop() {

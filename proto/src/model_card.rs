@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use crate::keypoints::{COCO17, KeypointSet};
+use crate::keypoints::KeypointSet;
 use crate::patch::{MAX_KEYPOINTS, MAX_SIDE};
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name, unread};
 
@@ -301,7 +301,10 @@ struct RawHeatmapOutput {
 }
 
 #[derive(Deserialize)]
-#[serde(untagged, expecting = "expected \"coco17\" or a list of names")]
+#[serde(
+    untagged,
+    expecting = "expected \"coco17\", \"coco23\" or a list of names"
+)]
 enum RawKeypoints {
     Known(String),
     Names(Vec<String>),
@@ -448,14 +451,8 @@ fn input(file: &TomlFile<'_>, raw: RawInput) -> Result<NetworkInput, FileError> 
 fn keypoints(file: &TomlFile<'_>, raw: RawKeypoints) -> Result<KeypointSet, FileError> {
     let place = Place::field("output").key("keypoints");
     match raw {
-        RawKeypoints::Known(name) if name == "coco17" => Ok(KeypointSet::coco17()),
-        RawKeypoints::Known(name) => Err(file.error(
-            &place,
-            format!(
-                "found \"{name}\", expected \"coco17\" or a list of names such as {:?}",
-                &COCO17[..2]
-            ),
-        )),
+        RawKeypoints::Known(name) => KeypointSet::named(&name)
+            .map_err(|problem| file.error(&place, format!("{problem}, or a list of names"))),
         RawKeypoints::Names(names) => {
             if !(1..=MAX_KEYPOINTS).contains(&names.len()) {
                 return Err(file.error(

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use farfield_proto::keypoints::COCO17;
+use farfield_proto::keypoints::COCO23;
 
 /// Coordinates beyond this are not pixels of any image.
 const MAX_PX: f64 = 1e6;
-/// Maximum number of people in one import, over all frames and cameras; this many take 2.5 GB. Ten
+/// Maximum number of people in one import, over all frames and cameras; this many take 3 GB. Ten
 /// hours of four people in eight cameras at 60 Hz would be seventy million.
 const MAX_PEOPLE: usize = 4_000_000;
 /// Maximum number of people in one frame of one camera. At 75 bytes per keypoint, their line stays
@@ -69,8 +69,8 @@ impl Candidate {
     }
 }
 
-/// Keypoints of one person in one image, in the order of [`COCO17`].
-pub type Person = [Option<Candidate>; COCO17.len()];
+/// Keypoints of one person in one image, in the order of [`COCO23`].
+pub type Person = [Option<Candidate>; COCO23.len()];
 
 /// The people of one camera by frame.
 pub type Frames = BTreeMap<i64, Vec<Person>>;
@@ -179,7 +179,7 @@ mod tests {
         x_px: 3.0,
         y_px: 4.0,
         score: 0.5,
-    }); COCO17.len()];
+    }); COCO23.len()];
 
     #[test]
     fn all_sources_share_one_limit_of_people() {

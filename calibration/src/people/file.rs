@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use farfield_proto::keypoints::COCO23;
 use serde::Deserialize;
 
 use super::request::{DetectedFrame, Detection, Keypoint};
@@ -39,7 +40,7 @@ struct Person {
     keypoints: Vec<Option<[f64; 3]>>,
 }
 
-/// Reads the frames of one camera, whose bodies have `count` keypoints; `path` is only for errors. Frames must be in order;
+/// Reads the frames of one camera, whose bodies have `count` keypoints, or COCO's with feet; `path` is only for errors. Frames must be in order;
 /// some may be missing.
 ///
 /// # Errors
@@ -127,13 +128,15 @@ fn frame(line: &str, count: usize, last: Option<f64>) -> Result<DetectedFrame, S
 }
 
 fn body(index: usize, found: &[Option<[f64; 3]>], count: usize) -> Result<Detection, String> {
-    if found.len() != count {
+    // A set with feet begins with COCO's; feet are not used.
+    if found.len() != count && found.len() != COCO23.len() {
         return Err(format!(
-            "`persons[{index}].keypoints`: found {}, expected {count}",
-            found.len()
+            "`persons[{index}].keypoints`: found {}, expected {count} or {}",
+            found.len(),
+            COCO23.len()
         ));
     }
-    let each = found.iter().enumerate().map(|(k, it)| {
+    let each = found.iter().take(count).enumerate().map(|(k, it)| {
         let Some([x, y, score]) = *it else {
             return Ok(None);
         };

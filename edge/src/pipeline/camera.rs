@@ -4,7 +4,7 @@ use std::fmt;
 
 use farfield_proto::camera::CameraModel;
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
-use farfield_proto::keypoints::{COCO17, KeypointSet};
+use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::patch::{MAX_KEYPOINTS, MAX_SIDE};
 use farfield_proto::venue::Venue;
 
@@ -91,6 +91,7 @@ pub(super) fn cameras_of(
 /// Refuses venues that cannot be sent or processed: maps that are too large, pictures without a
 /// network, keypoints of two kinds.
 pub(super) fn check_shapes(
+    venue: &Venue,
     cameras: &[EdgeCamera],
     keypoints: &KeypointSet,
     batch: Option<&Batch>,
@@ -114,7 +115,7 @@ pub(super) fn check_shapes(
         let name = || camera.model.name().to_owned();
         match &camera.drawing {
             None if batch.is_none() => return Err(PipelineError::NoNetwork { camera: name() }),
-            Some(_) if keypoints.names() != COCO17 => {
+            Some(_) if *keypoints != venue.keypoints => {
                 return Err(PipelineError::OtherKeypoints { camera: name() });
             }
             Some(drawing) => {

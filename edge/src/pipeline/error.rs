@@ -30,9 +30,9 @@ pub enum PipelineError {
         /// Its limit.
         limit: usize,
     },
-    /// Keypoint files use COCO's 17 keypoints, but the network uses others.
+    /// Keypoint files have other keypoints than the network.
     #[error(
-        "camera `{camera}` has COCO's 17 keypoints, but the network has others; a venue must have one set"
+        "camera `{camera}` has other keypoints than the network; expected one set: the venue's field `keypoints` names that of keypoint files, \"coco17\" by default"
     )]
     OtherKeypoints {
         /// The camera of kind `keypoints`.

@@ -113,9 +113,10 @@ impl EdgePipeline {
         let cameras = cameras_of(venue, viewpoint)?;
         let keypoints = network
             .as_ref()
-            .map_or_else(KeypointSet::coco17, |n| n.card().output.keypoints.clone());
+            .map_or(&venue.keypoints, |n| &n.card().output.keypoints)
+            .clone();
         let batch = network.map(Batch::new);
-        check_shapes(&cameras, &keypoints, batch.as_ref())?;
+        check_shapes(venue, &cameras, &keypoints, batch.as_ref())?;
         let ticks_per_pass = venue.parameters.births.ticks_per_look(venue.rate_hz);
         let detector = detector.map(|detector| {
             let indices = cameras.iter().map(|camera| camera.index).collect();

@@ -254,6 +254,7 @@ mod tests {
             size_px,
             rate_hz: 60.0,
             first_tick: Tick(10),
+            keypoints: 17,
             tick_from: TickFrom::Clock,
         }
     }

@@ -14,7 +14,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use farfield_proto::frames::Pixel;
-use farfield_proto::keypoints::COCO17;
+use farfield_proto::keypoints::COCO23;
 use farfield_proto::tick::Tick;
 use serde_json::Value;
 
@@ -168,7 +168,7 @@ impl KeypointLines {
                         "a line of JSON: is it a video (`kind = \"video\"`) or another file?";
                     FieldError::new("", format!("not text ({problem}), expected {what}"))
                 })
-                .and_then(parse_line)
+                .and_then(|text| parse_line(text, self.expected.keypoints))
                 .and_then(|(tick, frame)| self.follow(tick).map(|()| (tick, frame)));
             return match parsed {
                 Ok(found) => Ok(Some(found)),
@@ -242,7 +242,7 @@ impl FieldError {
     }
 }
 
-fn parse_line(text: &str) -> Result<(Tick, KeypointFrame), FieldError> {
+fn parse_line(text: &str, n_keypoints: usize) -> Result<(Tick, KeypointFrame), FieldError> {
     // Without its newline: a truncated line ends where its text ends.
     let value: Value = serde_json::from_str(text.trim_end())
         .map_err(|problem| FieldError::new("", json_problem(&problem)))?;
@@ -259,11 +259,11 @@ fn parse_line(text: &str) -> Result<(Tick, KeypointFrame), FieldError> {
         })?;
     let persons = match line.get("persons") {
         None => return Err(missing("persons")),
-        Some(value) => parse_persons(value)?,
+        Some(value) => parse_persons(value, n_keypoints)?,
     };
     let peaks = match line.get("peaks") {
-        None | Some(Value::Null) => peaks_of(&persons),
-        Some(value) => parse_peaks(value)?,
+        None | Some(Value::Null) => peaks_of(&persons, n_keypoints),
+        Some(value) => parse_peaks(value, n_keypoints)?,
     };
     Ok((Tick(tick), KeypointFrame { persons, peaks }))
 }
@@ -281,7 +281,10 @@ fn json_problem(problem: &serde_json::Error) -> String {
     }
 }
 
-fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<KeypointCandidate>>>, FieldError> {
+fn parse_persons(
+    value: &Value,
+    n_keypoints: usize,
+) -> Result<Vec<Vec<Option<KeypointCandidate>>>, FieldError> {
     let persons = array("persons", value)?;
     let mut parsed = Vec::with_capacity(persons.len());
     for (i, person) in persons.iter().enumerate() {
@@ -290,7 +293,7 @@ fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<KeypointCandidate>>>, F
             &field,
             person.get("keypoints").ok_or_else(|| missing(&field))?,
         )?;
-        check_count(&field, keypoints)?;
+        check_count(&field, keypoints, n_keypoints)?;
         let candidates = keypoints
             .iter()
             .enumerate()
@@ -303,9 +306,12 @@ fn parse_persons(value: &Value) -> Result<Vec<Vec<Option<KeypointCandidate>>>, F
     Ok(parsed)
 }
 
-fn parse_peaks(value: &Value) -> Result<Vec<Vec<KeypointCandidate>>, FieldError> {
+fn parse_peaks(
+    value: &Value,
+    n_keypoints: usize,
+) -> Result<Vec<Vec<KeypointCandidate>>, FieldError> {
     let keypoints = array("peaks", value)?;
-    check_count("peaks", keypoints)?;
+    check_count("peaks", keypoints, n_keypoints)?;
     let mut parsed = Vec::with_capacity(keypoints.len());
     for (k, candidates) in keypoints.iter().enumerate() {
         let field = format!("peaks[{k}]");
@@ -318,8 +324,11 @@ fn parse_peaks(value: &Value) -> Result<Vec<Vec<KeypointCandidate>>, FieldError>
 }
 
 /// The candidates of each keypoint in the grouped persons.
-fn peaks_of(persons: &[Vec<Option<KeypointCandidate>>]) -> Vec<Vec<KeypointCandidate>> {
-    (0..COCO17.len())
+fn peaks_of(
+    persons: &[Vec<Option<KeypointCandidate>>],
+    n_keypoints: usize,
+) -> Vec<Vec<KeypointCandidate>> {
+    (0..n_keypoints)
         .map(|k| persons.iter().filter_map(|person| person[k]).collect())
         .collect()
 }
@@ -358,14 +367,18 @@ fn array<'a>(field: &str, value: &'a Value) -> Result<&'a [Value], FieldError> {
     }
 }
 
-fn check_count(field: &str, keypoints: &[Value]) -> Result<(), FieldError> {
-    if keypoints.len() == COCO17.len() {
+fn check_count(field: &str, keypoints: &[Value], n_keypoints: usize) -> Result<(), FieldError> {
+    if keypoints.len() == n_keypoints {
         return Ok(());
     }
+    let with_feet = if keypoints.len() == COCO23.len() {
+        ", or `keypoints = \"coco23\"` in the venue file"
+    } else {
+        ""
+    };
     let problem = format!(
-        "found {} keypoints, expected {}",
-        keypoints.len(),
-        COCO17.len()
+        "found {} keypoints, expected {n_keypoints}{with_feet}",
+        keypoints.len()
     );
     Err(FieldError::new(field, problem))
 }

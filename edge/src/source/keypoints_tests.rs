@@ -2,6 +2,7 @@
 
 use std::io::Write as _;
 
+use farfield_proto::keypoints::COCO17;
 use farfield_proto::venue::TickFrom;
 use proptest::prelude::*;
 
@@ -17,6 +18,7 @@ fn expected() -> ExpectedSource {
         size_px: [640, 480],
         rate_hz: 20.0,
         first_tick: Tick(0),
+        keypoints: 17,
         tick_from: TickFrom::Clock,
     }
 }
@@ -98,7 +100,7 @@ fn a_byte_order_mark_and_windows_line_ends_are_read() {
 
 #[test]
 fn absent_peaks_are_those_of_the_persons() {
-    let (_, frame) = parse_line(&line(0)).unwrap();
+    let (_, frame) = parse_line(&line(0), 17).unwrap();
     let nose = KeypointCandidate {
         position: Pixel::new(1.5, 2.0),
         score: 0.9,
@@ -110,10 +112,23 @@ fn absent_peaks_are_those_of_the_persons() {
 }
 
 #[test]
+fn files_with_feet_need_the_set_of_the_venue() {
+    let feet = format!("{}{}", "null,".repeat(17), ["[5,6,0.7]"; 6].join(","));
+    let text = format!(r#"{{"tick":0,"persons":[{{"keypoints":[{feet}]}}]}}"#);
+    let (_, frame) = parse_line(&text, COCO23.len()).unwrap();
+    assert_eq!(frame.peaks.iter().map(Vec::len).sum::<usize>(), 6);
+    let error = parse_line(&text, COCO17.len()).unwrap_err();
+    assert!(
+        error.problem.contains("keypoints = \"coco23\""),
+        "{error:?}"
+    );
+}
+
+#[test]
 fn peaks_hold_every_candidate() {
     let empty = ["[]"; 16].join(",");
     let text = format!(r#"{{"tick":0,"persons":[],"peaks":[[[1,2,0.5],[3,4,1.02]],{empty}]}}"#);
-    let (_, frame) = parse_line(&text).unwrap();
+    let (_, frame) = parse_line(&text, 17).unwrap();
     assert!(frame.persons.is_empty());
     assert_eq!(
         frame.peaks[0][1],
@@ -245,7 +260,7 @@ proptest! {
         let at = at % bytes.len();
         bytes[at] = byte;
         if let Ok(text) = std::str::from_utf8(&bytes)
-            && let Ok((_, frame)) = parse_line(text)
+            && let Ok((_, frame)) = parse_line(text, 17)
         {
             prop_assert_eq!(frame.peaks.len(), COCO17.len());
         }
@@ -253,7 +268,7 @@ proptest! {
 
     #[test]
     fn any_json_is_read_or_refused(text in r#"\{"tick":(-?[0-9]{1,20}|null),"persons":(\[(\{"keypoints":(\[(null,?){0,18}\]|null|3)\},?){0,2}\]|\{\}|null)(,"peaks":(\[(\[(\[[0-9e.,-]{0,12}\])?\],?){0,18}\]|null))?\}"#) {
-        if let Ok((_, frame)) = parse_line(&text) {
+        if let Ok((_, frame)) = parse_line(&text, 17) {
             prop_assert_eq!(frame.peaks.len(), COCO17.len());
         }
     }

@@ -73,7 +73,7 @@ impl PartialEq for FrameContent {
     }
 }
 
-/// 2D keypoint candidates of one picture, in COCO's order.
+/// 2D keypoint candidates of one picture, in the order of the venue's keypoints.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct KeypointFrame {
     /// Candidates grouped into persons: `[person][keypoint]`, `None` for a missing keypoint.
@@ -198,6 +198,8 @@ struct ExpectedSource {
     size_px: [u32; 2],
     rate_hz: f64,
     first_tick: Tick,
+    /// Keypoints of each person in a keypoint file.
+    keypoints: usize,
     #[cfg_attr(
         not(feature = "node"),
         expect(dead_code, reason = "only videos have a timecode")
@@ -224,6 +226,7 @@ impl ExpectedSource {
             size_px: camera.model.size_px(),
             rate_hz: venue.rate_hz,
             first_tick: venue.first_tick,
+            keypoints: venue.keypoints.len(),
             tick_from: camera.tick_from,
         }
     }
@@ -459,6 +462,7 @@ mod tests {
             size_px: [4, 4],
             rate_hz: 60.0,
             first_tick: Tick(MAX_TICK),
+            keypoints: 17,
             tick_from: TickFrom::Clock,
         };
         assert_eq!(expected.ticks(1), Ok(Tick(MAX_TICK)..Tick(MAX_TICK + 1)));

@@ -332,6 +332,7 @@ mod tests {
             size_px: [8, 8],
             rate_hz: 60.0,
             first_tick: Tick(0),
+            keypoints: 17,
             tick_from: TickFrom::Clock,
         };
         let settings = DeviceSettings::default();

@@ -225,6 +225,7 @@ pub(super) fn open_alone(path: &Path) -> Result<(SourceInfo, VideoSource), Sourc
         // The caller does not use the times of the frames.
         rate_hz: 1.0,
         first_tick: Tick(0),
+        keypoints: 17,
         tick_from: TickFrom::Clock,
     };
     let ticks = expected.ticks(stream.frames)?;

@@ -20,6 +20,7 @@ fn expected() -> ExpectedSource {
         size_px: SIZE_PX,
         rate_hz: 30.0,
         first_tick: Tick(100),
+        keypoints: 17,
         tick_from: TickFrom::Clock,
     }
 }

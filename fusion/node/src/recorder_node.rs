@@ -91,7 +91,7 @@ fn load_and_record(args: RecordArgs) -> Result<Ending, NodeError> {
     let reach = request.in_venue(&venue)?;
     let card = load_card(&venue).map_err(NodeError::Refused)?;
     let recorded = Recorded {
-        keypoints: card.map_or_else(KeypointSet::coco17, |card| card.output.keypoints),
+        keypoints: card.map_or_else(|| venue.keypoints.clone(), |card| card.output.keypoints),
         subjects: load_subjects(&venue).map_err(NodeError::refused)?,
         venue,
     };

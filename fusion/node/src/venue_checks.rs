@@ -5,7 +5,6 @@ use std::ops::Range;
 use std::path::Path;
 
 use anyhow::ensure;
-use farfield_proto::keypoints::COCO17;
 use farfield_proto::model_card::HeatmapCard;
 use farfield_proto::plausibility::{self, Finding};
 use farfield_proto::tick::{Micros, Tick};
@@ -53,7 +52,7 @@ pub fn check_detector(venue: &Venue, path: &Path) -> Result<(), FileError> {
     Err(FileError::new(path, problem).at_field("detector"))
 }
 
-/// Refuses a `[[person]]` with a keypoint that the network of `card` does not have (`None`: the 17 COCO keypoints), or without
+/// Refuses a `[[person]]` with a keypoint that the network of `card` does not have (`None`: the venue has keypoint files only), or without
 /// enough keypoints to fit a body.
 ///
 /// # Errors
@@ -63,13 +62,8 @@ pub fn check_given_keypoints(
     path: &Path,
     card: Option<&HeatmapCard>,
 ) -> Result<(), FileError> {
-    let known = card.map_or_else(
-        || COCO17.to_vec(),
-        |card| {
-            let names = card.output.keypoints.names().iter();
-            names.map(String::as_str).collect()
-        },
-    );
+    let set = card.map_or(&venue.keypoints, |card| &card.output.keypoints);
+    let known: Vec<&str> = set.names().iter().map(String::as_str).collect();
     for (place, person) in places(&venue.given_persons) {
         let place = place.key("keypoints_m");
         check_keypoint_names(path, &place, &person.keypoints_m, &known)?;
@@ -183,6 +177,7 @@ mod tests {
     use farfield_proto::calibration::Calibration;
     use farfield_proto::camera::{CameraModel, Distortion, Intrinsics};
     use farfield_proto::frames::Transform;
+    use farfield_proto::keypoints::COCO17;
     use farfield_proto::tick::SECOND_US;
     use farfield_proto::venue::{DeviceSettings, Source};
     use nalgebra::Isometry3;

@@ -127,7 +127,7 @@ fn errors_name_field_and_line() {
         HEATMAP,
         "coco17",
         "coco18",
-        "5: `output.keypoints`: found \"coco18\", expected \"coco17\" or a list of names such as [\"nose\", \"left_eye\"]",
+        "5: `output.keypoints`: found \"coco18\", expected \"coco17\" or \"coco23\" (with feet), or a list of names",
     );
     check(
         HEATMAP,

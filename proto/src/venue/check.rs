@@ -7,12 +7,13 @@ use super::inference::{Provider, providers};
 use super::parameters::ParameterTables;
 use super::people::{given_persons, subjects};
 use super::raw::{RawFusion, RawSecurity, RawVenue, RawViewpoint};
-use super::source::{source, timing};
+use super::source::{Source, source, timing};
 use super::stream::streams;
 use super::{Endpoints, Parameters, Security, Venue, VenueCamera, VenueHash, Viewpoint};
 use crate::calibration::Calibration;
 use crate::id::{CameraIndex, ViewpointIndex};
 use crate::key::is_key_chunk;
+use crate::keypoints::KeypointSet;
 use crate::tick::Tick;
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 use crate::transport::endpoint::is_endpoint;
@@ -50,6 +51,8 @@ pub(super) fn venue(
     if raw.network.is_none() {
         check_no_network(file, &viewpoints, &cameras)?;
     }
+    let keypoints = keypoints(file, raw.keypoints.as_deref(), &cameras)?;
+    let given = raw.network.is_none().then_some(&keypoints);
     let parameters = Parameters::from(ParameterTables {
         smoothing: raw.smoothing,
         range_of_motion: raw.range_of_motion,
@@ -64,7 +67,7 @@ pub(super) fn venue(
     let (people, margin_m) = (raw.person, parameters.births.outside_field_m);
     Ok(Venue {
         court: court(file, raw.field.as_ref())?,
-        given_persons: given_persons(file, people, raw.network.is_some(), &tracked, margin_m)?,
+        given_persons: given_persons(file, people, given, &tracked, margin_m)?,
         field: tracked,
         streams: streams(file, raw.stream)?,
         subjects: subjects(file, raw.subject)?,
@@ -79,6 +82,7 @@ pub(super) fn venue(
             .detector
             .map(|name| path(file, "detector", &name))
             .transpose()?,
+        keypoints,
         name: raw.name,
         rate_hz: raw.rate_hz,
         first_tick: tick(file, &Place::field("first_tick"), raw.first_tick)?,
@@ -215,6 +219,28 @@ fn check_no_network(
         );
         Err(file.error(&Place::field("network"), problem))
     })
+}
+
+/// The set of keypoint files: COCO's 17 unless the venue names another.
+fn keypoints(
+    file: &TomlFile<'_>,
+    name: Option<&str>,
+    cameras: &[VenueCamera],
+) -> Result<KeypointSet, FileError> {
+    let Some(name) = name else {
+        return Ok(KeypointSet::coco17());
+    };
+    let error = |problem| file.error(&Place::field("keypoints"), problem);
+    let is_file = |camera: &VenueCamera| matches!(camera.source, Source::Keypoints { .. });
+    let is_maps = |camera: &VenueCamera| matches!(camera.source, Source::Maps { .. });
+    if !cameras.iter().any(is_file) || cameras.iter().any(is_maps) {
+        return Err(error(
+            "found the field in a venue without keypoint files or with simulated maps, expected none: a network's card names its \
+             keypoints, and simulated maps are of COCO's 17"
+                .to_owned(),
+        ));
+    }
+    KeypointSet::named(name).map_err(error)
 }
 
 fn endpoints(file: &TomlFile<'_>, raw: RawFusion) -> Result<Endpoints, FileError> {

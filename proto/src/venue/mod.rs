@@ -29,6 +29,7 @@ use crate::calibration::Calibration;
 use crate::camera::CameraModel;
 use crate::court::PlacedCourt;
 use crate::id::{CameraIndex, ViewpointIndex};
+use crate::keypoints::KeypointSet;
 use crate::tick::Tick;
 use crate::toml_file::{FileError, Place, TomlFile};
 
@@ -47,6 +48,8 @@ pub struct Venue {
     pub network: Option<PathBuf>,
     /// The detector's card.
     pub detector: Option<PathBuf>,
+    /// The keypoints of each person in keypoint files.
+    pub keypoints: KeypointSet,
     /// The endpoints of fusion and edges.
     pub endpoints: Endpoints,
     /// Access and encryption.

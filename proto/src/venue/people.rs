@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 use super::check::{self, MAX_COORDINATE_M};
 use super::raw::{RawPerson, RawSubject};
 use super::{Field, GivenPerson};
-use crate::keypoints::COCO17;
+use crate::keypoints::KeypointSet;
 use crate::subject::{check_required_name, check_stature};
 use crate::toml_file::{FileError, Place, TomlFile, unknown_name};
 
@@ -32,10 +32,11 @@ impl GivenPerson {
     }
 }
 
+/// `keypoints` are those that exist; `None` if the card of a network has them.
 pub(super) fn given_persons(
     file: &TomlFile<'_>,
     raw: Vec<RawPerson>,
-    has_network: bool,
+    keypoints: Option<&KeypointSet>,
     field: &Field,
     margin_m: f64,
 ) -> Result<Vec<GivenPerson>, FileError> {
@@ -44,7 +45,7 @@ pub(super) fn given_persons(
         let person = Place::field("person").index(i);
         let tick = check::tick(file, &person.key("tick"), tick)?;
         let place = person.key("keypoints_m");
-        check_given(file, &place, &keypoints_m, has_network)?;
+        check_given(file, &place, &keypoints_m, keypoints)?;
         let given = GivenPerson { tick, keypoints_m };
         let inside = check_inside(&given.middle_m(), field, margin_m);
         inside.map_err(|problem| file.error(&place, problem))?;
@@ -71,12 +72,12 @@ fn check_given(
     file: &TomlFile<'_>,
     place: &Place,
     keypoints_m: &BTreeMap<String, [f64; 3]>,
-    has_network: bool,
+    keypoints: Option<&KeypointSet>,
 ) -> Result<(), FileError> {
     for (name, position) in keypoints_m {
-        // A network may have more keypoints than COCO; without one only these exist.
-        if !has_network && !COCO17.contains(&name.as_str()) {
-            return Err(file.error(&place.key(name), unknown_name("keypoint", name, &COCO17)));
+        if let Some(set) = keypoints.filter(|set| set.index_of(name).is_none()) {
+            let known: Vec<&str> = set.names().iter().map(String::as_str).collect();
+            return Err(file.error(&place.key(name), unknown_name("keypoint", name, &known)));
         }
         if let Some(wrong) = position
             .iter()

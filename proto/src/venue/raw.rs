@@ -20,6 +20,7 @@ pub(super) struct RawVenue {
     pub(super) calibration: String,
     pub(super) network: Option<String>,
     pub(super) detector: Option<String>,
+    pub(super) keypoints: Option<String>,
     #[serde(default)]
     pub(super) inference: RawInference,
     #[serde(default)]

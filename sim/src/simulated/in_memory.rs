@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use farfield_edge::source::{FrameSource, SourceError};
 use farfield_proto::id::{CameraIndex, ViewpointIndex};
-use farfield_proto::keypoints::COCO17;
+use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::{
     Endpoints, Field, GivenPerson, Parameters, Security, SimulatedContent, Source, TickFrom, Venue,
@@ -86,6 +86,7 @@ pub fn venue_of(scene: &Scene, input: &Input, parameters: Parameters) -> Venue {
         calibration_path: PathBuf::new(),
         network,
         detector,
+        keypoints: KeypointSet::coco17(),
         endpoints: Endpoints::default(),
         security: Security::default(),
         field: Field {

@@ -9,9 +9,10 @@ use std::io::{self, Write};
 use std::ops::Range;
 
 use farfield_calibration::formats::{Remark, RemarkKind};
+use farfield_proto::keypoints::{COCO17, COCO23};
 use farfield_proto::order_statistics::{FEWEST_REACHING, reached_by};
 
-use crate::person::{Frames, Person, span};
+use crate::person::{Candidate, Frames, Person, span};
 
 pub use self::scores::ScoreScale;
 
@@ -35,6 +36,8 @@ pub struct CameraFrames {
 pub struct Assembled {
     /// Ticks of every keypoint file.
     pub ticks: Range<i64>,
+    /// The set of the files: the smallest that has every keypoint of any person.
+    pub keypoints: &'static [&'static str],
     /// Score scale of each camera.
     pub scales: Vec<ScoreScale>,
     /// What was assumed or is suspect.
@@ -64,9 +67,16 @@ pub fn assemble(cameras: &mut [CameraFrames]) -> Result<Assembled, String> {
     }
     Ok(Assembled {
         ticks,
+        keypoints: keypoint_set(cameras),
         scales,
         remarks,
     })
+}
+
+fn keypoint_set(cameras: &[CameraFrames]) -> &'static [&'static str] {
+    let mut people = cameras.iter().flat_map(|it| it.frames.values().flatten());
+    let has_feet = people.any(|person| person[COCO17.len()..].iter().any(Option::is_some));
+    if has_feet { &COCO23 } else { &COCO17 }
 }
 
 /// Drops frames whose numbers are far from all others, so that one number cannot extend the run.
@@ -171,13 +181,14 @@ fn report_frames(cameras: &[CameraFrames], ticks: &Range<i64>, remarks: &mut Vec
     }
 }
 
-/// Writes the keypoint file of one camera, one line per tick.
+/// Writes the keypoint file of one camera, one line per tick; of each person the first `n_keypoints`.
 ///
 /// # Errors
 /// Errors of `out`.
 pub fn write_lines(
     frames: &Frames,
     ticks: &Range<i64>,
+    n_keypoints: usize,
     scale: ScoreScale,
     out: &mut impl Write,
 ) -> io::Result<()> {
@@ -188,14 +199,18 @@ pub fn write_lines(
             if i > 0 {
                 out.write_all(b",")?;
             }
-            write_person(person, scale, out)?;
+            write_person(&person[..n_keypoints], scale, out)?;
         }
         out.write_all(b"]}\n")?;
     }
     Ok(())
 }
 
-fn write_person(person: &Person, scale: ScoreScale, out: &mut impl Write) -> io::Result<()> {
+fn write_person(
+    person: &[Option<Candidate>],
+    scale: ScoreScale,
+    out: &mut impl Write,
+) -> io::Result<()> {
     out.write_all(b"{\"keypoints\":[")?;
     for (i, keypoint) in person.iter().enumerate() {
         if i > 0 {
@@ -237,7 +252,7 @@ pub(crate) fn people_per_frame(frames: &BTreeMap<i64, Vec<Person>>) -> (f64, usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::person::{Candidate, MAX_PEOPLE_OF_FRAME};
+    use crate::person::MAX_PEOPLE_OF_FRAME;
 
     fn camera(name: &str, frames: &[i64]) -> CameraFrames {
         let seen = Candidate {
@@ -252,7 +267,7 @@ mod tests {
             source: name.to_owned(),
             frames: frames
                 .iter()
-                .map(|at| (*at, vec![[Some(seen); 17]]))
+                .map(|at| (*at, vec![[Some(seen); COCO23.len()]]))
                 .collect(),
         }
     }
@@ -271,6 +286,7 @@ mod tests {
         write_lines(
             &cameras[0].frames,
             &assembled.ticks,
+            assembled.keypoints.len(),
             assembled.scales[0],
             &mut lines,
         )
@@ -297,12 +313,12 @@ mod tests {
                 y_px: number,
                 score: number.abs().min(1.0),
             };
-            let people = vec![[Some(seen); 17]; MAX_PEOPLE_OF_FRAME];
+            let people = vec![[Some(seen); COCO23.len()]; MAX_PEOPLE_OF_FRAME];
             let mut camera = camera("a", &[]);
             camera.frames.insert(0, people);
             let mut line = Vec::new();
             let scale = ScoreScale::per_camera(std::slice::from_ref(&camera), &mut Vec::new());
-            write_lines(&camera.frames, &(0..1), scale[0], &mut line).unwrap();
+            write_lines(&camera.frames, &(0..1), COCO23.len(), scale[0], &mut line).unwrap();
             assert!(line.len() < LONGEST_LINE_BYTES, "{}", line.len());
             let read: serde_json::Value = serde_json::from_slice(&line).unwrap();
             let x_px = read["persons"][7]["keypoints"][3][0].as_f64().unwrap();

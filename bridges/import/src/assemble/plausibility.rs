@@ -157,7 +157,7 @@ mod tests {
     /// by `moved`.
     fn camera(size_px: [u32; 2], moved: impl Fn(f64, f64) -> (f64, f64)) -> CameraFrames {
         let person: Person = std::array::from_fn(|i| {
-            let (x_px, y_px) = moved(400.0, 100.0 + 25.0 * i as f64);
+            let (x_px, y_px) = moved(400.0, 100.0 + 400.0 / 22.0 * i as f64);
             Some(Candidate {
                 x_px,
                 y_px,

@@ -100,10 +100,11 @@ fn meaning(score: f64) -> (f64, RemarkKind, String) {
 mod tests {
     use super::*;
     use crate::person::Candidate;
+    use farfield_proto::keypoints::COCO23;
 
     fn camera(name: &str, scores: &[f64]) -> CameraFrames {
         let person = |score: &f64| {
-            let mut person = [None; 17];
+            let mut person = [None; COCO23.len()];
             person[0] = Some(Candidate {
                 x_px: 1.0,
                 y_px: 1.0,

@@ -2,13 +2,13 @@
 
 use std::fmt::Write as _;
 
-use farfield_proto::keypoints::COCO17;
+use farfield_proto::keypoints::{COCO17, COCO23};
 use serde_json::{Value, json};
 
 use crate::keypoints::{Mapping, Model};
 use crate::person::{Frames, Person};
 
-/// All keypoints of a model as x, y, score; 0 if COCO lacks it or it was not detected.
+/// All keypoints of a model as x, y, score; 0 if ours lack it or it was not detected.
 fn flat(person: &Person, mapping: &Mapping) -> Vec<f64> {
     let mut flat = vec![0.0; 3 * mapping.count];
     for (keypoint, place) in person.iter().zip(mapping.places) {
@@ -17,6 +17,16 @@ fn flat(person: &Person, mapping: &Mapping) -> Vec<f64> {
         }
     }
     flat
+}
+
+/// The same frames with the keypoints that `model` has.
+pub(crate) fn known_to(model: Model, mut frames: Frames) -> Frames {
+    for person in frames.values_mut().flatten() {
+        for (keypoint, place) in person.iter_mut().zip(model.mapping().places) {
+            *keypoint = keypoint.filter(|_| place.is_some());
+        }
+    }
+    frames
 }
 
 /// `OpenPose` file of one frame.
@@ -103,7 +113,7 @@ pub(crate) fn deeplabcut(frames: &Frames) -> String {
     let most = frames.values().map(Vec::len).max().unwrap_or(0).max(1);
     let mut rows = ["scorer", "individuals", "bodyparts", "coords"].map(str::to_owned);
     for animal in 0..most {
-        for name in COCO17 {
+        for name in COCO23 {
             for coord in ["x", "y", "likelihood"] {
                 let cells = ["net", &format!("animal{animal:03}"), name, coord].map(str::to_owned);
                 for (row, cell) in rows.iter_mut().zip(cells) {
@@ -116,7 +126,7 @@ pub(crate) fn deeplabcut(frames: &Frames) -> String {
     for (frame, people) in frames {
         write!(text, "{frame}").unwrap();
         for animal in 0..most {
-            for i in 0..COCO17.len() {
+            for i in 0..COCO23.len() {
                 match people.get(animal).and_then(|person| person[i]) {
                     Some(it) => write!(text, ",{},{},{}", it.x_px, it.y_px, it.score).unwrap(),
                     None => text.push_str(",,,"),
@@ -131,7 +141,7 @@ pub(crate) fn deeplabcut(frames: &Frames) -> String {
 /// SLEAP table of one camera.
 pub(crate) fn sleap(frames: &Frames) -> String {
     let mut text = "track,frame_idx,instance.score".to_owned();
-    for name in COCO17 {
+    for name in COCO23 {
         write!(text, ",{name}.x,{name}.y,{name}.score").unwrap();
     }
     text.push('\n');
@@ -167,8 +177,7 @@ pub(crate) fn caliscope(cameras: &[&Frames]) -> String {
                         .unwrap();
                     }
                 }
-                // Points of a foot and of a finger.
-                writeln!(text, "{frame},{camera},{object},31,1.0,2.0,,,").unwrap();
+                // A point of a finger.
                 writeln!(text, "{frame},{camera},{object},204,1.0,2.0,,,").unwrap();
             }
         }

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use farfield_calibration::formats::{Remark, RemarkKind};
 use farfield_proto::calibration::Calibration;
+use farfield_proto::keypoints::{COCO17, COCO23};
 use farfield_proto::toml_file::{FileError, Place, TomlFile};
 use farfield_proto::venue::Venue;
 use toml::{Table, Value};
@@ -226,7 +227,8 @@ impl Folder {
                 keypoints: file,
             })
             .collect();
-        let venue = venue_text(&self.name, self.rate_hz, CALIBRATION, &cameras);
+        let with_feet = self.assembled.keypoints.len() > COCO17.len();
+        let venue = venue_text(&self.name, self.rate_hz, with_feet, &cameras);
         let unusable = |error: FileError| {
             ImportError::refused(format!("the imported venue would be unusable: {error}"))
         };
@@ -238,10 +240,15 @@ impl Folder {
         folder.write(Path::new(CALIBRATION), |file| {
             file.write_all(self.calibration.as_bytes())
         })?;
-        let Assembled { ticks, scales, .. } = &self.assembled;
+        let Assembled {
+            ticks,
+            keypoints,
+            scales,
+            ..
+        } = &self.assembled;
         for ((camera, file), scale) in self.cameras.iter().zip(&self.files).zip(scales) {
             folder.write(Path::new(file), |out| {
-                write_lines(&camera.frames, ticks, *scale, out)
+                write_lines(&camera.frames, ticks, keypoints.len(), *scale, out)
             })?;
         }
         folder.finish()
@@ -293,9 +300,13 @@ fn report(
         frames: ticks.end - ticks.start,
         cameras: cameras.collect(),
         model: names.into_iter().collect::<Vec<_>>().join(", "),
-        mapped: farfield_proto::keypoints::COCO17
+        mapped: COCO23
             .into_iter()
-            .filter(|name| !missing.contains(name))
+            .filter(|name| {
+                mappings
+                    .iter()
+                    .all(|it| it.mapped().any(|has| has == *name))
+            })
             .collect(),
         missing: missing.iter().copied().collect(),
         left_out: left_out.into_iter().cloned().collect(),
@@ -351,11 +362,11 @@ struct VenueCamera<'a> {
 }
 
 /// The venue file; every camera becomes a viewpoint.
-fn venue_text(name: &str, rate_hz: f64, calibration: &str, cameras: &[VenueCamera<'_>]) -> String {
+fn venue_text(name: &str, rate_hz: f64, with_feet: bool, cameras: &[VenueCamera<'_>]) -> String {
     let mut text = String::from(
         "# A venue of keypoints, made by `farfield import`. All options: deploy/venue.sample.toml, `farfield parameters`.\n",
     );
-    for (left, comment) in [
+    let mut fields = vec![
         (
             format!("name = {}", quoted(name)),
             "first part of every Zenoh key",
@@ -365,10 +376,15 @@ fn venue_text(name: &str, rate_hz: f64, calibration: &str, cameras: &[VenueCamer
             "ticks per second, the same for all cameras",
         ),
         (
-            format!("calibration = {}", quoted(calibration)),
+            format!("calibration = {}", quoted(CALIBRATION)),
             "where the cameras stand: metres, z up",
         ),
-    ] {
+    ];
+    if with_feet {
+        let field = "keypoints = \"coco23\"".to_owned();
+        fields.push((field, "those of the files: COCO's 17, toes and heels"));
+    }
+    for (left, comment) in fields {
         // Writing to a string cannot fail.
         writeln!(text, "{left:<48} # {comment}").ok();
     }

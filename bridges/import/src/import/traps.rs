@@ -107,7 +107,7 @@ fn the_first_recognised_file_decides_the_format_of_frames() {
     let people = frames(0..1).remove(&0).unwrap();
     let picture = serde_json::json!([{
         "keypoints": people[0].iter().flatten().map(|it| [it.x_px, it.y_px]).collect::<Vec<_>>(),
-        "keypoint_scores": vec![0.75; 17],
+        "keypoint_scores": vec![0.75; people[0].len()],
     }])
     .to_string();
     let folder = folder(&[

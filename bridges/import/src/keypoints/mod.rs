@@ -1,11 +1,11 @@
-//! Maps keypoints of other programs to COCO's: by model name, by count, or by keypoint names.
+//! Maps keypoints of other programs to COCO's and those of feet: by model name, by count, or by
+//! keypoint names.
 //!
-//! Our keypoint files hold COCO's 17. Other keypoints of a model (feet, hands, faces, necks) are
-//! dropped and reported.
+//! Other keypoints of a model (hands, faces, necks) are dropped and reported.
 
 mod models;
 
-use farfield_proto::keypoints::COCO17;
+use farfield_proto::keypoints::{COCO17, COCO23};
 
 use crate::person::{Candidate, Person};
 
@@ -14,15 +14,15 @@ pub use self::models::Model;
 /// Maximum number of keypoints per person in a file; the largest models have a few hundred.
 pub(crate) const MAX_KEYPOINTS: usize = 4096;
 
-/// Index of each COCO keypoint among the keypoints of a file.
+/// Index of each of our keypoints among the keypoints of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mapping {
     /// Name in reports: a model, or a note that the file names its keypoints.
     pub name: String,
     /// Number of keypoints of one person in the file.
     pub count: usize,
-    /// Index in the file of each of [`COCO17`].
-    pub places: [Option<usize>; COCO17.len()],
+    /// Index in the file of each of [`COCO23`].
+    pub places: [Option<usize>; COCO23.len()],
     /// Descriptions of the other keypoints.
     pub left_out: Vec<String>,
 }
@@ -31,13 +31,12 @@ impl Mapping {
     /// Maps the keypoint names of a file.
     ///
     /// # Errors
-    /// If no name is a COCO keypoint, or two names are the same one.
+    /// If no name is one of our keypoints, or two names are the same one.
     pub fn of_names(names: &[String]) -> Result<Self, String> {
-        let mut places = [None; COCO17.len()];
+        let mut places = [None; COCO23.len()];
         let mut left_out = Vec::new();
         for (place, name) in names.iter().enumerate() {
-            let Some(coco) = coco_name(name).and_then(|it| COCO17.iter().position(|k| *k == it))
-            else {
+            let Some(coco) = keypoint_named(name) else {
                 left_out.push(name.clone());
                 continue;
             };
@@ -45,7 +44,7 @@ impl Mapping {
                 let other: &str = names.get(*other).map_or("", String::as_str);
                 return Err(format!(
                     "`{other}` and `{name}` both read as {}, expected one of them",
-                    COCO17[coco]
+                    COCO23[coco]
                 ));
             }
             places[coco] = Some(place);
@@ -72,7 +71,7 @@ impl Mapping {
         &self,
         mut candidate: impl FnMut(usize) -> Result<Option<Candidate>, E>,
     ) -> Result<Person, E> {
-        let mut person = [None; COCO17.len()];
+        let mut person = [None; COCO23.len()];
         for (keypoint, place) in person.iter_mut().zip(self.places) {
             if let Some(place) = place {
                 *keypoint = candidate(place)?;
@@ -81,7 +80,13 @@ impl Mapping {
         Ok(person)
     }
 
-    /// COCO keypoints that the file lacks.
+    /// Keypoints that the file has.
+    pub fn mapped(&self) -> impl Iterator<Item = &'static str> {
+        let pairs = COCO23.into_iter().zip(self.places);
+        pairs.filter_map(|(name, place)| place.map(|_| name))
+    }
+
+    /// Keypoints of COCO's 17 that the file lacks.
     pub fn missing(&self) -> Vec<&'static str> {
         let pairs = COCO17.iter().zip(self.places);
         pairs
@@ -185,16 +190,29 @@ impl Keypoints {
     }
 }
 
-/// Body parts that have two sides.
-const PAIRED: [&str; 8] = [
-    "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle",
+/// Body parts that have two sides, as in names of keypoints without their signs, and as in
+/// [`COCO23`].
+const PAIRED: [(&str, &str); 13] = [
+    ("eye", "eye"),
+    ("ear", "ear"),
+    ("shoulder", "shoulder"),
+    ("elbow", "elbow"),
+    ("wrist", "wrist"),
+    ("hip", "hip"),
+    ("knee", "knee"),
+    ("ankle", "ankle"),
+    ("heel", "heel"),
+    ("bigtoe", "big_toe"),
+    ("footindex", "big_toe"),
+    ("toe", "big_toe"),
+    ("smalltoe", "small_toe"),
 ];
 
-/// The COCO name of a keypoint; `None` if COCO lacks it.
+/// Index in [`COCO23`] of the keypoint with this name in another program.
 ///
 /// Case, spaces, `-`, `_` and `.` do not count. The side is a word or letter before or after the
 /// part.
-pub fn coco_name(name: &str) -> Option<&'static str> {
+fn keypoint_named(name: &str) -> Option<usize> {
     // Longer names are not keypoints.
     const MAX_CHARS: usize = 40;
     let letters = |c: &char| c.is_ascii_alphanumeric();
@@ -206,45 +224,21 @@ pub fn coco_name(name: &str) -> Option<&'static str> {
         .filter(letters)
         .map(|c| c.to_ascii_lowercase())
         .collect();
+    let index = |known: &str| COCO23.iter().position(|it| *it == known);
     if name == "nose" {
-        return Some("nose");
+        return index("nose");
     }
-    let left = ["left", "l"];
-    let right = ["right", "r"];
-    PAIRED.iter().enumerate().find_map(|(i, part)| {
+    PAIRED.iter().find_map(|(part, ours)| {
         let side = name
             .strip_suffix(part)
             .or_else(|| name.strip_prefix(part))?;
-        if left.contains(&side) {
-            Some(LEFT[i])
-        } else if right.contains(&side) {
-            Some(RIGHT[i])
-        } else {
-            None
+        match side {
+            "left" | "l" => index(&format!("left_{ours}")),
+            "right" | "r" => index(&format!("right_{ours}")),
+            _ => None,
         }
     })
 }
-
-const LEFT: [&str; 8] = [
-    "left_eye",
-    "left_ear",
-    "left_shoulder",
-    "left_elbow",
-    "left_wrist",
-    "left_hip",
-    "left_knee",
-    "left_ankle",
-];
-const RIGHT: [&str; 8] = [
-    "right_eye",
-    "right_ear",
-    "right_shoulder",
-    "right_elbow",
-    "right_wrist",
-    "right_hip",
-    "right_knee",
-    "right_ankle",
-];
 
 #[cfg(test)]
 mod tests {
@@ -257,7 +251,7 @@ mod tests {
     #[test]
     fn names_map_to_keypoints_and_others_are_dropped() {
         let mapping = Mapping::of_names(&names(&["tail", "LKnee", "right_wrist", "nose"])).unwrap();
-        let at = |name: &str| mapping.places[COCO17.iter().position(|k| *k == name).unwrap()];
+        let at = |name: &str| mapping.places[COCO23.iter().position(|k| *k == name).unwrap()];
         assert_eq!(
             (
                 at("left_knee"),
@@ -304,8 +298,9 @@ mod tests {
 
     #[test]
     fn sides_are_words_or_letters_before_or_after_the_part() {
-        for name in COCO17 {
-            assert_eq!(coco_name(name), Some(name));
+        let found = |name: &str| keypoint_named(name).map(|it| COCO23[it]);
+        for name in COCO23 {
+            assert_eq!(found(name), Some(name));
         }
         for name in [
             "LKnee",
@@ -315,25 +310,26 @@ mod tests {
             "kneeleft",
             "l.knee",
         ] {
-            assert_eq!(coco_name(name), Some("left_knee"), "{name}");
+            assert_eq!(found(name), Some("left_knee"), "{name}");
         }
-        assert_eq!(coco_name("REar"), Some("right_ear"));
+        assert_eq!(found("REar"), Some("right_ear"));
+        assert_eq!(found("LBigToe"), Some("left_big_toe"));
+        assert_eq!(found("right_foot_index"), Some("right_big_toe"));
     }
 
     #[test]
-    fn names_outside_coco_give_none() {
+    fn other_names_give_none() {
         for name in [
             "knee",
             "left_eye_inner",
             "MidHip",
-            "left_heel",
-            "LBigToe",
+            "toe",
             "head",
             "",
             "Lléft",
             "left_left_knee",
         ] {
-            assert_eq!(coco_name(name), None, "{name}");
+            assert_eq!(keypoint_named(name), None, "{name}");
         }
     }
 }

@@ -7,7 +7,7 @@
 
 use std::fmt;
 
-use farfield_proto::keypoints::COCO17;
+use farfield_proto::keypoints::{COCO17, COCO23};
 
 use super::Mapping;
 
@@ -43,8 +43,17 @@ pub enum Model {
 /// COCO's 17 keypoints at the start of the list.
 const AS_COCO: [usize; COCO17.len()] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16];
 
-/// Marks a COCO keypoint that the model lacks.
+/// Marks a keypoint that the model lacks.
 const NOT_THERE: usize = usize::MAX;
+
+/// Places of the feet in the order of [`COCO23`]: left big toe, small toe and heel, then right.
+type Feet = [usize; COCO23.len() - COCO17.len()];
+const NO_FEET: Feet = [NOT_THERE; 6];
+const FEET_OF_OPENPOSE: Feet = [19, 20, 21, 22, 23, 24];
+const FEET_OF_COCO: Feet = [17, 18, 19, 20, 21, 22];
+const FEET_OF_HALPE: Feet = [20, 22, 24, 21, 23, 25];
+/// Its foot indices are the tips of the big toes.
+const FEET_OF_BLAZEPOSE: Feet = [31, NOT_THERE, 29, 32, NOT_THERE, 30];
 
 /// A row of the table.
 struct Row {
@@ -56,6 +65,7 @@ struct Row {
     /// Indices of COCO's keypoints: nose; eyes, ears, shoulders, elbows, wrists, hips, knees,
     /// ankles, left before right.
     places: [usize; COCO17.len()],
+    feet: Feet,
     left_out: &'static [&'static str],
 }
 
@@ -65,33 +75,31 @@ const ROWS: [Row; 12] = [
         name: "BODY_25",
         count: 25,
         places: [0, 16, 15, 18, 17, 5, 2, 6, 3, 7, 4, 12, 9, 13, 10, 14, 11],
-        left_out: &["neck", "mid hip", "big toes, small toes, heels"],
+        feet: FEET_OF_OPENPOSE,
+        left_out: &["neck", "mid hip"],
     },
     Row {
         model: Model::Body25B,
         name: "BODY_25B",
         count: 25,
         places: AS_COCO,
-        left_out: &["upper neck", "head top", "big toes, small toes, heels"],
+        feet: FEET_OF_OPENPOSE,
+        left_out: &["upper neck", "head top"],
     },
     Row {
         model: Model::Body135,
         name: "BODY_135",
         count: 135,
         places: AS_COCO,
-        left_out: &[
-            "upper neck",
-            "head top",
-            "big toes, small toes, heels",
-            "hands",
-            "face",
-        ],
+        feet: FEET_OF_OPENPOSE,
+        left_out: &["upper neck", "head top", "hands", "face"],
     },
     Row {
         model: Model::Coco18,
         name: "COCO_18",
         count: 18,
         places: [0, 15, 14, 17, 16, 5, 2, 6, 3, 7, 4, 11, 8, 12, 9, 13, 10],
+        feet: NO_FEET,
         left_out: &["neck"],
     },
     Row {
@@ -102,6 +110,7 @@ const ROWS: [Row; 12] = [
             NOT_THERE, NOT_THERE, NOT_THERE, NOT_THERE, NOT_THERE, 5, 2, 6, 3, 7, 4, 11, 8, 12, 9,
             13, 10,
         ],
+        feet: NO_FEET,
         left_out: &["head", "neck", "chest"],
     },
     Row {
@@ -109,6 +118,7 @@ const ROWS: [Row; 12] = [
         name: "COCO_17",
         count: 17,
         places: AS_COCO,
+        feet: NO_FEET,
         left_out: &[],
     },
     Row {
@@ -116,48 +126,40 @@ const ROWS: [Row; 12] = [
         name: "COCO_23",
         count: 23,
         places: AS_COCO,
-        left_out: &["big toes, small toes, heels"],
+        feet: FEET_OF_COCO,
+        left_out: &[],
     },
     Row {
         model: Model::Coco133,
         name: "COCO_133",
         count: 133,
         places: AS_COCO,
-        left_out: &["big toes, small toes, heels", "face", "hands"],
+        feet: FEET_OF_COCO,
+        left_out: &["face", "hands"],
     },
     Row {
         model: Model::Halpe26,
         name: "HALPE_26",
         count: 26,
         places: AS_COCO,
-        left_out: &["head", "neck", "mid hip", "big toes, small toes, heels"],
+        feet: FEET_OF_HALPE,
+        left_out: &["head", "neck", "mid hip"],
     },
     Row {
         model: Model::Halpe68,
         name: "HALPE_68",
         count: 68,
         places: AS_COCO,
-        left_out: &[
-            "head",
-            "neck",
-            "mid hip",
-            "big toes, small toes, heels",
-            "hands",
-        ],
+        feet: FEET_OF_HALPE,
+        left_out: &["head", "neck", "mid hip", "hands"],
     },
     Row {
         model: Model::Halpe136,
         name: "HALPE_136",
         count: 136,
         places: AS_COCO,
-        left_out: &[
-            "head",
-            "neck",
-            "mid hip",
-            "big toes, small toes, heels",
-            "face",
-            "hands",
-        ],
+        feet: FEET_OF_HALPE,
+        left_out: &["head", "neck", "mid hip", "face", "hands"],
     },
     Row {
         model: Model::BlazePose,
@@ -166,11 +168,8 @@ const ROWS: [Row; 12] = [
         places: [
             0, 2, 5, 7, 8, 11, 12, 13, 14, 15, 16, 23, 24, 25, 26, 27, 28,
         ],
-        left_out: &[
-            "corners of the eyes, mouth",
-            "fingers",
-            "heels, foot indices",
-        ],
+        feet: FEET_OF_BLAZEPOSE,
+        left_out: &["corners of the eyes, mouth", "fingers"],
     },
 ];
 
@@ -239,12 +238,11 @@ impl Model {
     /// Indices of its keypoints.
     pub fn mapping(self) -> Mapping {
         let row = self.row();
+        let mut all = row.places.into_iter().chain(row.feet);
         Mapping {
             name: row.name.to_owned(),
             count: row.count,
-            places: row
-                .places
-                .map(|place| (place != NOT_THERE).then_some(place)),
+            places: std::array::from_fn(|_| all.next().filter(|place| *place != NOT_THERE)),
             left_out: row.left_out.iter().map(|it| (*it).to_owned()).collect(),
         }
     }

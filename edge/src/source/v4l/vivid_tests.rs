@@ -32,6 +32,7 @@ fn expected(size_px: [u32; 2], rate_hz: f64) -> ExpectedSource {
         size_px,
         rate_hz,
         first_tick: Tick(0),
+        keypoints: 17,
         tick_from: TickFrom::Clock,
     }
 }
