@@ -147,3 +147,19 @@ fn networks_are_listed_and_wrong_requests_refused() {
         Some(1)
     );
 }
+
+#[test]
+fn the_cards_of_the_documentation_are_valid() {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+    let mut cards = 0;
+    for page in ["networks.md", "venue.md"] {
+        let text = fs::read_to_string(docs.join(page)).unwrap();
+        let blocks = text.split("```toml\n").skip(1);
+        let blocks = blocks.filter_map(|it| it.split("```").next());
+        for card in blocks.filter(|it| it.starts_with("kind = ")) {
+            farfield_proto::model_card::ModelCard::parse(card, Path::new("card.toml")).unwrap();
+            cards += 1;
+        }
+    }
+    assert_eq!(cards, 4);
+}

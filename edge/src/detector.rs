@@ -10,7 +10,7 @@ use farfield_proto::venue::Provider;
 
 use crate::crop::{CropGeometry, CropShape, Cropper, PixelFormat};
 use crate::inference::{Detection, DetectorInput, DetectorWindow, NetworkError, PersonDetector};
-use crate::network::{Contract, OnnxModel, TensorAxis, read_card};
+use crate::network::{Contract, OnnxModel, OutputTensor, TensorAxis, read_card};
 use crate::picture::Picture;
 use crate::tiles::thinned_out;
 
@@ -69,8 +69,7 @@ impl OnnxDetector {
         };
         let contract = Contract {
             input: &card.input,
-            output: &card.output.name,
-            axes,
+            outputs: &[(&card.output.name, axes)],
         };
         let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract, Provider::Cpu)?;
         model.try_out(&contract)?;
@@ -117,18 +116,18 @@ impl PersonDetector for OnnxDetector {
         let (decode, person) = (self.card.decode, self.card.output.person_class);
         let batch = self.model.batch().unwrap_or(1);
         self.input.resize(batch * 3 * size_px[0] * size_px[1], 0.0);
-        let mut found = self
-            .model
-            .run_with(batch, &self.input, |shape, values, labels| {
-                let [_, n, length] =
-                    [0, 1, 2].map(|i| shape.get(i).map_or(0, |&s| s.max(0) as usize));
-                // Only the first entry of a fixed batch is a picture.
-                let values = values.get(..n * length).unwrap_or_default();
-                Ok(match decode {
-                    Decode::Yolox => decode_yolox(values, length, size_px, person),
-                    Decode::Rtmdet => decode_rtmdet(values, labels, person),
-                })
-            })?;
+        let mut found = self.model.run(batch, &self.input, |outputs, labels| {
+            let Some(OutputTensor { shape, values }) = outputs.first() else {
+                return Ok(Vec::new());
+            };
+            let [_, n, length] = [0, 1, 2].map(|i| shape.get(i).map_or(0, |&s| s.max(0) as usize));
+            // Only the first entry of a fixed batch is a picture.
+            let values = values.get(..n * length).unwrap_or_default();
+            Ok(match decode {
+                Decode::Yolox => decode_yolox(values, length, size_px, person),
+                Decode::Rtmdet => decode_rtmdet(values, labels, person),
+            })
+        })?;
         self.input.truncate(3 * size_px[0] * size_px[1]);
         found.retain(|([x0, y0, x1, y1], _)| {
             x1 > x0 && y1 > y0 && (x1 - x0).is_finite() && (y1 - y0).is_finite()

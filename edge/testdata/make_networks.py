@@ -3,6 +3,11 @@
 A network of K maps sees K pure hues: keypoint k is wherever the picture has the hue 360 k / K degrees
 at full saturation and value (red is keypoint 0). Per pixel c, its map is max(0, 1 - |c - c_k|^2 / r^2),
 averaged over 8 x 8 pixels every 4 pixels, so that cell i is centred on input pixel 4 i + 1.5.
+The SimCC network has the same hues, and the contract of RTMPose. Its pixels are averaged over
+9 x 9; a distribution is the maximum over the other direction, with two bins per pixel.
+
+    output "simcc_x" [N, K, 192], "simcc_y" [N, K, 256]  0 to 1; bin i is input pixel i / 2
+
 Colours that no keypoint owns (black, grey, white, dark or pale hues) leave every map at zero.
 
     input  "image"    [N, 3, 128, 96]  RGB, 0 to 1
@@ -40,7 +45,8 @@ def save(name, nodes, inputs, outputs, constants):
     onnx.save(model, HERE / f"{name}.onnx")
 
 
-def keypoint_network(name, n):
+def matches(n):
+    """Nodes from "image" to "pixels", the match of every pixel with every hue, and their constants."""
     colours = np.array([colorsys.hsv_to_rgb(k / n, 1, 1) for k in range(n)])
     gain = 1 / RADIUS**2
     # 1 - g |c - c_k|^2 = (1 - g |c_k|^2) + 2 g c_k . c - g |c|^2
@@ -53,15 +59,42 @@ def keypoint_network(name, n):
         helper.make_node("Conv", ["squares", "square"], ["by_length"], kernel_shape=[1, 1]),
         helper.make_node("Add", ["by_colour", "by_length"], ["match"]),
         helper.make_node("Relu", ["match"], ["pixels"]),
-        helper.make_node(
-            "AveragePool", ["pixels"], ["heatmaps"],
-            kernel_shape=[8, 8], strides=[4, 4], pads=[2, 2, 2, 2], count_include_pad=1,
-        ),
     ]
+    return nodes, [constant("linear", linear), constant("square", square), constant("bias", bias)]
+
+
+def keypoint_network(name, n):
+    nodes, constants = matches(n)
+    nodes.append(helper.make_node(
+        "AveragePool", ["pixels"], ["heatmaps"],
+        kernel_shape=[8, 8], strides=[4, 4], pads=[2, 2, 2, 2], count_include_pad=1,
+    ))
     inputs = [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["N", 3, 128, 96])]
     outputs = [helper.make_tensor_value_info("heatmaps", TensorProto.FLOAT, ["N", n, 32, 24])]
-    constants = [constant("linear", linear), constant("square", square), constant("bias", bias)]
     save(name, nodes, inputs, outputs, constants)
+
+
+def simcc_network(name, n):
+    nodes, constants = matches(n)
+    nodes.append(helper.make_node(
+        "AveragePool", ["pixels"], ["smooth"],
+        kernel_shape=[9, 9], strides=[1, 1], pads=[4, 4, 4, 4], count_include_pad=1,
+    ))
+    for way, axis in (("x", 2), ("y", 3)):
+        nodes += [
+            helper.make_node("ReduceMax", ["smooth"], [f"line_{way}"], axes=[axis], keepdims=0),
+            # Bin 2 i is pixel i, bin 2 i + 1 the mean of pixels i and i + 1.
+            helper.make_node(
+                "ConvTranspose", [f"line_{way}", "between"], [f"simcc_{way}"],
+                kernel_shape=[3], strides=[2], pads=[1, 0], group=n,
+            ),
+        ]
+    inputs = [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["N", 3, 128, 96])]
+    outputs = [
+        helper.make_tensor_value_info("simcc_x", TensorProto.FLOAT, ["N", n, 192]),
+        helper.make_tensor_value_info("simcc_y", TensorProto.FLOAT, ["N", n, 256]),
+    ]
+    save(name, nodes, inputs, outputs, constants + [constant("between", [[[0.5, 1, 0.5]]] * n)])
 
 
 def detector(name, size):
@@ -110,4 +143,5 @@ def detector(name, size):
 
 keypoint_network("hues17_128x96", 17)
 keypoint_network("hues14_128x96", 14)
+simcc_network("simcc17_128x96", 17)
 detector("chroma_160", 160)

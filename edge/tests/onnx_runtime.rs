@@ -15,6 +15,7 @@ fn the_best_backend_agrees_with_the_reference() {
         println!("skipped ONNX Runtime: {}", backend.describe());
     }
     hues::check_against_reference();
+    hues::check_simcc();
 }
 
 fn refusal(card: &Path) -> String {

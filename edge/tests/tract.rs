@@ -16,6 +16,7 @@ fn tract_agrees_with_the_reference_and_reports_its_cost() {
         "{line}"
     );
     hues::check_against_reference();
+    hues::check_simcc();
 }
 
 /// Symptom to prevent: RTMDet's layout ended the process, because tract counts the integers of

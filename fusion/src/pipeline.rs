@@ -161,7 +161,10 @@ impl Pipeline {
                 keypoints,
                 card.map_or(&no_offsets, |card| &card.keypoint_offsets),
             ),
-            relative_sigmas: relative_sigmas(keypoints),
+            relative_sigmas: relative_sigmas(
+                keypoints,
+                card.map_or(&BTreeMap::new(), |card| &card.relative_sigma),
+            ),
             peak_sigma_of_width: card.map_or(PEAK_SIGMA_OF_WIDTH, |card| {
                 card.output.peak_sigma_of_width()
             }),

@@ -48,6 +48,37 @@ pub const COCO23: [&str; 23] = [
     "right_heel",
 ];
 
+/// Halpe's 26, as of `RTMPose`'s networks with feet. The top of the head and the middle of the
+/// shoulders are on no joint of the body.
+const HALPE26: [&str; 26] = [
+    "nose",
+    "left_eye",
+    "right_eye",
+    "left_ear",
+    "right_ear",
+    "left_shoulder",
+    "right_shoulder",
+    "left_elbow",
+    "right_elbow",
+    "left_wrist",
+    "right_wrist",
+    "left_hip",
+    "right_hip",
+    "left_knee",
+    "right_knee",
+    "left_ankle",
+    "right_ankle",
+    "head_top",
+    "mid_shoulder",
+    "mid_hip",
+    "left_big_toe",
+    "right_big_toe",
+    "left_small_toe",
+    "right_small_toe",
+    "left_heel",
+    "right_heel",
+];
+
 /// The names of a network's keypoints, in the order of its maps.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeypointSet {
@@ -70,9 +101,10 @@ impl KeypointSet {
         let names: &[&str] = match name {
             "coco17" => &COCO17,
             "coco23" => &COCO23,
+            "halpe26" => &HALPE26,
             other => {
                 return Err(format!(
-                    "found \"{other}\", expected \"coco17\" or \"coco23\" (with feet)"
+                    "found \"{other}\", expected \"coco17\", or with feet \"coco23\" or \"halpe26\""
                 ));
             }
         };
@@ -124,9 +156,9 @@ mod tests {
     fn the_set_with_feet_begins_with_those_of_coco() {
         assert_eq!(COCO23[..COCO17.len()], COCO17);
         assert_eq!(KeypointSet::named("coco23").unwrap().names(), COCO23);
-        let error = KeypointSet::named("halpe26").unwrap_err();
+        let error = KeypointSet::named("coco18").unwrap_err();
         assert!(
-            error.contains("halpe26") && error.contains("coco23"),
+            error.contains("coco18") && error.contains("coco23"),
             "{error}"
         );
     }

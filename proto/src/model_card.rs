@@ -55,6 +55,9 @@ pub struct HeatmapCard {
     pub box_margin: f64,
     /// Keypoint sites relative to their joints: metres in the link's axes, by name.
     pub keypoint_offsets: BTreeMap<String, [f64; 3]>,
+    /// Error of keypoints that the network places worse or better than others do, by name: a factor
+    /// on the usual one.
+    pub relative_sigma: BTreeMap<String, f64>,
 }
 
 /// Card of a person detector.
@@ -121,11 +124,11 @@ pub struct Normalize {
     pub std: [f32; 3],
 }
 
-/// The maps: [batch, keypoint, row, column].
+/// The maps: [batch, keypoint, row, column], or what they are made of.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeatmapOutput {
-    /// Name of the tensor.
-    pub name: String,
+    /// Names of the tensors.
+    pub tensors: HeatmapTensors,
     /// Cells in a row.
     pub width: u32,
     /// Rows.
@@ -135,6 +138,28 @@ pub struct HeatmapOutput {
     /// Sigma of the peaks in the training of the network, cells; `None`: the default, see
     /// [`Self::peak_sigma_of_width`].
     pub peak_sigma_cells: Option<f64>,
+}
+
+/// The tensors of a keypoint network.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum HeatmapTensors {
+    /// Maps, by name.
+    Maps(String),
+    /// Two distributions per keypoint, along the columns and along the rows of the input (`SimCC`).
+    Simcc(Simcc),
+}
+
+/// Distributions of the columns and of the rows of keypoints: [batch, keypoint, bin]. Bin i is
+/// the input pixel i / `bins_per_pixel`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Simcc {
+    /// Name of the tensor for columns.
+    pub x: String,
+    /// Name of the tensor for rows.
+    pub y: String,
+    /// Bins of an input pixel.
+    pub bins_per_pixel: u32,
 }
 
 /// Default sigma of a peak relative to the width of the maps: 2 cells of 48, 3 of 72.
@@ -227,6 +252,10 @@ fn wrong_kind(path: &Path, found: &str, expected: &str) -> FileError {
     FileError::new(path, format!("found \"{found}\", expected \"{expected}\"")).at_field("kind")
 }
 
+/// Most bins of an input pixel; usual networks have 2.
+const MOST_BINS_PER_PIXEL: u32 = 16;
+/// Bounds of `relative_sigma`.
+const RELATIVE_SIGMAS: [f64; 2] = [0.2, 5.0];
 /// Largest side of a network's input, pixels.
 const MAX_INPUT_SIDE: u32 = 8192;
 /// Largest margin of a crop: networks are trained with 1.25, and at 2 the tested networks find
@@ -255,10 +284,12 @@ struct RawHeatmap {
     input: RawInput,
     normalize: Normalize,
     output: RawHeatmapOutput,
-    cell_to_input: CellToInput,
+    cell_to_input: Option<CellToInput>,
     box_margin: f64,
     #[serde(default)]
     keypoint_offsets: BTreeMap<String, [f64; 3]>,
+    #[serde(default)]
+    relative_sigma: BTreeMap<String, f64>,
 }
 
 #[derive(Deserialize)]
@@ -293,7 +324,8 @@ fn nchw() -> String {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawHeatmapOutput {
-    name: String,
+    name: Option<String>,
+    simcc: Option<Simcc>,
     width: u32,
     height: u32,
     keypoints: RawKeypoints,
@@ -303,7 +335,7 @@ struct RawHeatmapOutput {
 #[derive(Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected \"coco17\", \"coco23\" or a list of names"
+    expecting = "expected \"coco17\", \"coco23\", \"halpe26\" or a list of names"
 )]
 enum RawKeypoints {
     Known(String),
@@ -327,40 +359,110 @@ fn heatmap(file: &TomlFile<'_>) -> Result<HeatmapCard, FileError> {
         let place = Place::field("output").key("peak_sigma_cells");
         check_range(file, &place, sigma_cells, 0.1, MAX_SIDE as f64)?;
     }
-    check_cells(
-        file,
-        raw.cell_to_input,
-        &input,
-        [raw.output.width, raw.output.height],
-    )?;
+    let cells = [raw.output.width, raw.output.height];
+    let tensors = tensors(file, raw.output.name, raw.output.simcc)?;
+    let cell_to_input = cell_to_input(file, raw.cell_to_input, &tensors, &input, cells)?;
+    check_cells(file, cell_to_input, &input, cells)?;
     let margin = Place::field("box_margin");
     check_range(file, &margin, raw.box_margin, 1.0, MAX_BOX_MARGIN)?;
     let keypoints = keypoints(file, raw.output.keypoints)?;
     for (name, offset) in &raw.keypoint_offsets {
-        let place = Place::field("keypoint_offsets").key(name);
-        if keypoints.index_of(name).is_none() {
-            let known: Vec<&str> = keypoints.names().iter().map(String::as_str).collect();
-            return Err(file.error(&place, unknown_name("keypoint", name, &known)));
-        }
+        let place = known_keypoint(file, "keypoint_offsets", name, &keypoints)?;
         for (i, &value) in offset.iter().enumerate() {
             check_range(file, &place.index(i), value, -0.5, 0.5)?;
         }
+    }
+    for (name, factor) in &raw.relative_sigma {
+        let place = known_keypoint(file, "relative_sigma", name, &keypoints)?;
+        check_range(
+            file,
+            &place,
+            *factor,
+            RELATIVE_SIGMAS[0],
+            RELATIVE_SIGMAS[1],
+        )?;
     }
     Ok(HeatmapCard {
         file: network_file(file, &raw.file)?,
         input,
         normalize: raw.normalize,
         output: HeatmapOutput {
-            name: raw.output.name,
+            tensors,
             width: raw.output.width,
             height: raw.output.height,
             keypoints,
             peak_sigma_cells: raw.output.peak_sigma_cells,
         },
-        cell_to_input: raw.cell_to_input,
+        cell_to_input,
         box_margin: raw.box_margin,
         keypoint_offsets: raw.keypoint_offsets,
+        relative_sigma: raw.relative_sigma,
     })
+}
+
+/// The place of the keypoint `name` in the table `field`.
+fn known_keypoint(
+    file: &TomlFile<'_>,
+    field: &str,
+    name: &str,
+    keypoints: &KeypointSet,
+) -> Result<Place, FileError> {
+    let place = Place::field(field).key(name);
+    if keypoints.index_of(name).is_none() {
+        let known: Vec<&str> = keypoints.names().iter().map(String::as_str).collect();
+        return Err(file.error(&place, unknown_name("keypoint", name, &known)));
+    }
+    Ok(place)
+}
+
+fn tensors(
+    file: &TomlFile<'_>,
+    name: Option<String>,
+    simcc: Option<Simcc>,
+) -> Result<HeatmapTensors, FileError> {
+    match (name, simcc) {
+        (Some(name), None) => Ok(HeatmapTensors::Maps(name)),
+        (None, Some(simcc)) => {
+            let place = Place::field("output").key("simcc").key("bins_per_pixel");
+            let bins = f64::from(simcc.bins_per_pixel);
+            check_range(file, &place, bins, 1.0, f64::from(MOST_BINS_PER_PIXEL))?;
+            Ok(HeatmapTensors::Simcc(simcc))
+        }
+        (found, _) => {
+            let found = if found.is_some() { "both" } else { "neither" };
+            let problem = format!(
+                "found {found}, expected `name`, the tensor of the maps, or `simcc`, the two tensors of a SimCC network"
+            );
+            Err(file.error(&Place::field("output"), problem))
+        }
+    }
+}
+
+/// Of maps as the card says. Of a `SimCC` network, cells divide the bins evenly, and a cell's centre
+/// is that of its bins.
+fn cell_to_input(
+    file: &TomlFile<'_>,
+    stated: Option<CellToInput>,
+    tensors: &HeatmapTensors,
+    input: &NetworkInput,
+    [columns, _]: [u32; 2],
+) -> Result<CellToInput, FileError> {
+    let place = Place::field("cell_to_input");
+    match (stated, tensors) {
+        (Some(stated), HeatmapTensors::Maps(_)) => Ok(stated),
+        (None, HeatmapTensors::Simcc(simcc)) => {
+            let scale = f64::from(input.width) / f64::from(columns);
+            let offset = 0.5 * (scale - 1.0 / f64::from(simcc.bins_per_pixel));
+            Ok(CellToInput { scale, offset })
+        }
+        (None, HeatmapTensors::Maps(_)) => {
+            Err(file.error(&place, "the field is missing, expected { scale, offset }"))
+        }
+        (Some(_), HeatmapTensors::Simcc(_)) => Err(file.error(
+            &place,
+            "expected no such field with `simcc`: the bins determine it",
+        )),
+    }
 }
 
 fn detector(file: &TomlFile<'_>) -> Result<DetectorCard, FileError> {

@@ -267,7 +267,7 @@ pub fn known(name: &str) -> Option<&'static KnownNetwork> {
 mod tests {
     use std::path::Path;
 
-    use farfield_proto::model_card::{Decode, ModelCard};
+    use farfield_proto::model_card::{Decode, HeatmapTensors, ModelCard};
 
     use super::*;
 
@@ -282,7 +282,10 @@ mod tests {
                     };
                     assert_eq!(card.output.keypoints.len(), maps.n_keypoints);
                     assert_eq!(card.input.name, convert::INPUT);
-                    assert_eq!(card.output.name, convert::OUTPUT);
+                    assert_eq!(
+                        card.output.tensors,
+                        HeatmapTensors::Maps(convert::OUTPUT.to_owned())
+                    );
                     (Task::Keypoints, card.file)
                 }
                 ModelCard::Detector(card) => {

@@ -9,17 +9,20 @@ mod library;
 mod model;
 mod outputs;
 mod providers;
+mod simcc;
 mod trial;
 
 use std::path::{Path, PathBuf};
 
-use farfield_proto::model_card::HeatmapCard;
+use farfield_proto::model_card::{HeatmapCard, HeatmapTensors};
 use farfield_proto::venue::Provider;
 
 use crate::inference::{InputTensor, KeypointNetwork, NetworkError};
 
+use self::simcc::SimccMaps;
+
 pub use backend::{BackendChoice, InferenceBackend, answer_trial};
-pub(crate) use model::{Contract, OnnxModel, TensorAxis, read_card};
+pub(crate) use model::{Contract, OnnxModel, OutputTensor, TensorAxis, read_card};
 
 /// A network that turns crops into part confidence maps, from an ONNX file and its card.
 #[derive(Debug)]
@@ -28,6 +31,8 @@ pub struct OnnxKeypointNetwork {
     provider: Provider,
     card: HeatmapCard,
     model: OnnxModel,
+    /// The decoder of a network without maps.
+    simcc: Option<SimccMaps>,
     /// All inputs of a call, one after the other.
     values: Vec<f32>,
 }
@@ -51,24 +56,21 @@ impl OnnxKeypointNetwork {
     pub fn load_on(card_path: &Path, provider: Provider) -> Result<Self, NetworkError> {
         let text = read_card(card_path)?;
         let card = HeatmapCard::parse(&text, card_path)?;
-        let [keypoints, height, width] = output_shape(&card);
-        let contract = Contract {
-            input: &card.input,
-            output: &card.output.name,
-            axes: &[
-                TensorAxis::Batch,
-                TensorAxis::Fixed("maps, as the card lists keypoints", keypoints),
-                TensorAxis::Fixed("rows", height),
-                TensorAxis::Fixed("columns", width),
-            ],
+        let simcc = match &card.output.tensors {
+            HeatmapTensors::Maps(_) => None,
+            HeatmapTensors::Simcc(simcc) => Some(SimccMaps::new(&card, simcc)),
         };
-        let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract, provider)?;
-        model.try_out(&contract)?;
+        let model = with_contract(&card, simcc.as_ref(), |contract| {
+            let mut model = OnnxModel::load(&card.file, text.as_bytes(), contract, provider)?;
+            model.try_out(contract)?;
+            Ok::<_, NetworkError>(model)
+        })?;
         Ok(Self {
             card_path: card_path.to_owned(),
             provider,
             card,
             model,
+            simcc,
             values: Vec::new(),
         })
     }
@@ -85,34 +87,24 @@ impl KeypointNetwork for OnnxKeypointNetwork {
     }
 
     fn infer(&mut self, inputs: &[InputTensor]) -> Result<Vec<f32>, NetworkError> {
-        let per_crop: usize = output_shape(&self.card).iter().product();
-        let mut maps = Vec::with_capacity(inputs.len() * per_crop);
+        let Self {
+            card, model, simcc, ..
+        } = self;
+        let shape = output_shape(card);
+        let mut maps = Vec::with_capacity(inputs.len() * shape.iter().product::<usize>());
         // An export with a fixed batch takes that many at a time; the last batch is padded with
         // zeros.
-        for inputs in inputs.chunks(self.model.batch().unwrap_or(inputs.len()).max(1)) {
-            let batch = self.model.batch().unwrap_or(inputs.len());
+        for inputs in inputs.chunks(model.batch().unwrap_or(inputs.len()).max(1)) {
+            let batch = model.batch().unwrap_or(inputs.len());
             self.values.clear();
             for input in inputs {
                 self.values.extend_from_slice(&input.values);
             }
-            let got = self.values.len();
-            let per_input = self.model.values_per_input();
-            if got != inputs.len() * per_input {
-                return Err(NetworkError::Length {
-                    got,
-                    expected: inputs.len() * per_input,
-                });
-            }
+            let per_input = model.values_per_input();
+            check_length(self.values.len(), inputs.len() * per_input)?;
             self.values.resize(batch * per_input, 0.0);
-            self.model.run(batch, &self.values, |_, values| {
-                if values.len() != batch * per_crop {
-                    return Err(NetworkError::Length {
-                        got: values.len(),
-                        expected: batch * per_crop,
-                    });
-                }
-                maps.extend_from_slice(&values[..inputs.len() * per_crop]);
-                Ok(())
+            model.run(batch, &self.values, |outputs, _| {
+                append_maps(outputs, shape, [inputs.len(), batch], simcc, &mut maps)
             })?;
         }
         Ok(maps)
@@ -128,6 +120,72 @@ impl KeypointNetwork for OnnxKeypointNetwork {
             });
         }
         Ok(Some(Box::new(other)))
+    }
+}
+
+/// Appends the maps of the first `n` of `batch` inputs.
+fn append_maps(
+    outputs: &[OutputTensor<'_>],
+    shape: [usize; 3],
+    [n, batch]: [usize; 2],
+    simcc: &mut Option<SimccMaps>,
+    maps: &mut Vec<f32>,
+) -> Result<(), NetworkError> {
+    match (simcc, outputs) {
+        (None, [output]) => {
+            let per_crop: usize = shape.iter().product();
+            check_length(output.values.len(), batch * per_crop)?;
+            maps.extend_from_slice(&output.values[..n * per_crop]);
+        }
+        (Some(simcc), [x, y]) => {
+            for (output, bins) in [x, y].into_iter().zip(simcc.n_bins()) {
+                check_length(output.values.len(), batch * shape[0] * bins)?;
+            }
+            simcc.decode(n * shape[0], x.values, y.values, maps);
+        }
+        (simcc, outputs) => check_length(outputs.len(), 1 + usize::from(simcc.is_some()))?,
+    }
+    Ok(())
+}
+
+fn check_length(got: usize, expected: usize) -> Result<(), NetworkError> {
+    if got == expected {
+        Ok(())
+    } else {
+        Err(NetworkError::Length { got, expected })
+    }
+}
+
+/// Calls `then` with what the card demands of the model.
+fn with_contract<R>(
+    card: &HeatmapCard,
+    simcc: Option<&SimccMaps>,
+    then: impl FnOnce(&Contract<'_>) -> R,
+) -> R {
+    let [keypoints, height, width] = output_shape(card);
+    let contract = |outputs: &[(&str, &[TensorAxis])]| {
+        then(&Contract {
+            input: &card.input,
+            outputs,
+        })
+    };
+    let first = [
+        TensorAxis::Batch,
+        TensorAxis::Fixed("maps, as the card lists keypoints", keypoints),
+    ];
+    let [x_bins, y_bins] = simcc.map_or([0; 2], SimccMaps::n_bins);
+    match &card.output.tensors {
+        HeatmapTensors::Maps(name) => {
+            let sides = [
+                TensorAxis::Fixed("rows", height),
+                TensorAxis::Fixed("columns", width),
+            ];
+            contract(&[(name, &[first, sides].concat())])
+        }
+        HeatmapTensors::Simcc(simcc) => {
+            let axes = |bins| [&first[..], &[TensorAxis::Fixed("bins", bins)]].concat();
+            contract(&[(&simcc.x, &axes(x_bins)), (&simcc.y, &axes(y_bins))])
+        }
     }
 }
 

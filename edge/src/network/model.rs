@@ -35,8 +35,15 @@ pub(crate) enum TensorAxis {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Contract<'a> {
     pub(crate) input: &'a NetworkInput,
-    pub(crate) output: &'a str,
-    pub(crate) axes: &'a [TensorAxis],
+    /// Names of the outputs that are read, each with its axes.
+    pub(crate) outputs: &'a [(&'a str, &'a [TensorAxis])],
+}
+
+/// One output of a run.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct OutputTensor<'a> {
+    pub(crate) shape: &'a [i64],
+    pub(crate) values: &'a [f32],
 }
 
 /// A loaded network with one input [batch, 3, height, width] of f32.
@@ -46,7 +53,7 @@ pub(crate) struct OnnxModel {
     path: PathBuf,
     hash: String,
     input: String,
-    output: String,
+    outputs: Vec<String>,
     /// Height and width of the input.
     size_px: [usize; 2],
     /// The fixed batch of the export, if any.
@@ -107,7 +114,7 @@ impl OnnxModel {
             // Without the folder nothing is cached, and the next start takes as long.
             std::fs::create_dir_all(&compiled).ok();
         }
-        let session = guarded(|| open(backend, path, &bytes, contract.output, on.as_slice())).map_err(|e| {
+        let session = guarded(|| open(backend, path, &bytes, contract.outputs, on.as_slice())).map_err(|e| {
             let advice = if backend.is_tract() {
                 " (ort-tract cannot run every network: install the Python package `onnxruntime`)"
             } else {
@@ -143,15 +150,20 @@ impl OnnxModel {
                 more.name()
             )));
         }
-        let stated = stated_shape(session.outputs(), "output", contract.output).map_err(refuse)?;
-        check_shape("output", contract.output, &stated, contract.axes, None).map_err(refuse)?;
-        let (input, output) = (name.clone(), contract.output.to_owned());
+        for (name, axes) in contract.outputs {
+            let stated = stated_shape(session.outputs(), "output", name).map_err(refuse)?;
+            check_shape("output", name, &stated, axes, None).map_err(refuse)?;
+        }
         Ok(Self {
             session,
             path: path.to_owned(),
             hash,
-            input,
-            output,
+            input: name.clone(),
+            outputs: contract
+                .outputs
+                .iter()
+                .map(|(name, _)| (*name).to_owned())
+                .collect(),
             size_px,
             batch,
         })
@@ -167,9 +179,11 @@ impl OnnxModel {
             problem,
         };
         let outcome = guarded(|| {
-            Ok(self.run(batch, &zeros, |shape, _| {
-                check_shape("output", contract.output, shape, contract.axes, Some(batch))
-                    .map_err(refuse)
+            Ok(self.run(batch, &zeros, |outputs, _| {
+                let mut outputs = contract.outputs.iter().zip(outputs);
+                outputs.try_for_each(|((name, axes), output)| {
+                    check_shape("output", name, output.shape, axes, Some(batch)).map_err(&refuse)
+                })
             }))
         });
         outcome.unwrap_or_else(|problem| Err(refuse(format!("cannot be run: {problem}"))))
@@ -189,23 +203,13 @@ impl OnnxModel {
         3 * self.size_px[0] * self.size_px[1]
     }
 
-    /// Runs `batch` inputs, one after the other in `values`, and passes shape and values of the
-    /// output to `read`.
+    /// Runs `batch` inputs, one after the other in `values`, and passes the outputs of the contract
+    /// to `read`, and the values of the output `labels`, if there is one.
     pub(crate) fn run<R>(
         &mut self,
         batch: usize,
         values: &[f32],
-        read: impl FnOnce(&[i64], &[f32]) -> Result<R, NetworkError>,
-    ) -> Result<R, NetworkError> {
-        self.run_with(batch, values, |shape, values, _| read(shape, values))
-    }
-
-    /// Like [`Self::run`], also with the values of the output `labels`, if there is one.
-    pub(crate) fn run_with<R>(
-        &mut self,
-        batch: usize,
-        values: &[f32],
-        read: impl FnOnce(&[i64], &[f32], Option<&[i64]>) -> Result<R, NetworkError>,
+        read: impl FnOnce(&[OutputTensor<'_>], Option<&[i64]>) -> Result<R, NetworkError>,
     ) -> Result<R, NetworkError> {
         let path = self.path.clone();
         let failed = |e: ort::Error| NetworkError::Run {
@@ -218,11 +222,19 @@ impl OnnxModel {
             .session
             .run(ort::inputs![self.input.as_str() => input])
             .map_err(failed)?;
-        let output = outputs.get(&self.output).ok_or_else(|| NetworkError::Run {
-            path: path.clone(),
-            problem: format!("no output `{}` came back", self.output),
-        })?;
-        let (shape, values) = output.try_extract_tensor::<f32>().map_err(failed)?;
+        let tensor = |name: &String| {
+            let output = outputs.get(name).ok_or_else(|| NetworkError::Run {
+                path: path.clone(),
+                problem: format!("no output `{name}` came back"),
+            })?;
+            let (shape, values) = output.try_extract_tensor::<f32>().map_err(failed)?;
+            Ok(OutputTensor { shape, values })
+        };
+        let found: Vec<OutputTensor<'_>> = self
+            .outputs
+            .iter()
+            .map(tensor)
+            .collect::<Result<_, NetworkError>>()?;
         let labels = outputs
             .get(LABELS)
             .and_then(|labels| labels.try_extract_tensor::<i64>().ok());
@@ -232,7 +244,7 @@ impl OnnxModel {
             .and_then(|labels| labels.try_extract_tensor::<f32>().ok())
             .map(|(_, labels)| labels.iter().map(|&label| label as i64).collect());
         let labels = labels.map(|(_, labels)| labels);
-        read(shape, values, labels.or(from_floats.as_deref()))
+        read(&found, labels.or(from_floats.as_deref()))
     }
 }
 
@@ -240,11 +252,15 @@ fn open(
     backend: &InferenceBackend,
     path: &Path,
     bytes: &[u8],
-    output: &str,
+    outputs: &[(&str, &[TensorAxis])],
     on: &[ExecutionProviderDispatch],
 ) -> Result<Session, String> {
     let text = |e: &dyn std::fmt::Display| first_line(&e.to_string());
-    let reduced = backend.is_tract().then(|| reduced(bytes, output)).flatten();
+    let reduced = backend.is_tract().then(|| {
+        let needed: Vec<&str> = outputs.iter().map(|(name, _)| *name).collect();
+        reduced(bytes, &needed)
+    });
+    let reduced = reduced.flatten();
     let mut builder = Session::builder(backend.environment())
         .map_err(|e| text(&e))?
         // Without a level, tract does not optimise at all.

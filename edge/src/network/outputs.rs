@@ -32,9 +32,9 @@ const FLOAT: u64 = 1;
 /// `AttributeProto.INT`.
 const INTEGER: u64 = 2;
 
-/// `model` with only the outputs `needed` and [`LABELS_AS_FLOATS`]; `None` if it has no others, has
-/// no `needed`, or is no ONNX file.
-pub(super) fn reduced(model: &[u8], needed: &str) -> Option<Vec<u8>> {
+/// `model` with only the outputs `needed` and [`LABELS_AS_FLOATS`]; `None` if it has no others, lacks
+/// one of `needed`, or is no ONNX file.
+pub(super) fn reduced(model: &[u8], needed: &[&str]) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(model.len() + 128);
     let mut is_changed = false;
     for field in fields(model)? {
@@ -49,9 +49,9 @@ pub(super) fn reduced(model: &[u8], needed: &str) -> Option<Vec<u8>> {
     is_changed.then_some(out)
 }
 
-fn reduced_graph(graph: &[u8], needed: &str) -> Option<Vec<u8>> {
+fn reduced_graph(graph: &[u8], needed: &[&str]) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(graph.len() + 128);
-    let (mut has_needed, mut has_others) = (false, false);
+    let (mut n_found, mut has_others) = (0, false);
     for field in fields(graph)? {
         if field.number != GRAPH_OUTPUT {
             out.extend_from_slice(field.whole);
@@ -61,9 +61,9 @@ fn reduced_graph(graph: &[u8], needed: &str) -> Option<Vec<u8>> {
             .into_iter()
             .find(|f| f.number == VALUE_NAME)
             .and_then(|f| f.content);
-        if name == Some(needed.as_bytes()) {
+        if needed.iter().any(|it| name == Some(it.as_bytes())) {
             out.extend_from_slice(field.whole);
-            has_needed = true;
+            n_found += 1;
             continue;
         }
         has_others = true;
@@ -72,7 +72,7 @@ fn reduced_graph(graph: &[u8], needed: &str) -> Option<Vec<u8>> {
             put(&mut out, GRAPH_OUTPUT, &float_labels());
         }
     }
-    (has_needed && has_others).then_some(out)
+    (n_found == needed.len() && has_others).then_some(out)
 }
 
 /// The node that converts the labels to floats.
@@ -203,18 +203,22 @@ mod tests {
     fn labels_become_floats_and_other_outputs_are_removed() {
         let model = chroma();
         assert_eq!(output_names(&model), ["dets", "labels"]);
-        let less = reduced(&model, "dets").unwrap();
+        let less = reduced(&model, &["dets"]).unwrap();
         assert_eq!(output_names(&less), ["dets", LABELS_AS_FLOATS]);
-        let less = reduced(&model, LABELS).unwrap();
+        let less = reduced(&model, &[LABELS]).unwrap();
         assert_eq!(output_names(&less), [LABELS]);
-        assert_eq!(reduced(&less, LABELS), None, "nothing is left to take out");
+        assert_eq!(
+            reduced(&less, &[LABELS]),
+            None,
+            "nothing is left to take out"
+        );
     }
 
     #[test]
     fn a_model_without_labels_is_unchanged() {
-        assert_eq!(reduced(&chroma(), "boxes"), None);
-        assert_eq!(reduced(b"", "dets"), None);
-        assert_eq!(reduced(b"not a network\n", "dets"), None);
+        assert_eq!(reduced(&chroma(), &["boxes"]), None);
+        assert_eq!(reduced(b"", &["dets"]), None);
+        assert_eq!(reduced(b"not a network\n", &["dets"]), None);
     }
 
     proptest! {
@@ -224,7 +228,7 @@ mod tests {
             let at = at.index(model.len());
             model[at] = byte;
             model.truncate(cut.index(model.len() + 1));
-            if let Some(less) = reduced(&model, "dets") {
+            if let Some(less) = reduced(&model, &["dets"]) {
                 prop_assert!(fields(&less).is_some());
             }
         }

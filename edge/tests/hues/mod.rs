@@ -111,6 +111,44 @@ pub(crate) fn check_against_reference() {
     assert!(network.infer(&[]).expect("an empty batch runs").is_empty());
 }
 
+/// Loads the `SimCC` network: a blob's centre comes back from the peak of its map by the card's
+/// `cell_to_input`, with the lower maximum of its two distributions.
+pub(crate) fn check_simcc() {
+    let mut network = OnnxKeypointNetwork::load(&testdata("simcc17_128x96.toml"))
+        .expect("the network fits its card");
+    let cell = network.card().cell_to_input;
+    assert!((cell.scale - 4.0).abs() + (cell.offset - 1.75).abs() < 1e-12);
+    for (keypoint, left, top) in [(0, 40, 60), (5, 21, 83), (16, 62, 17)] {
+        let mut values = vec![0.2; 3 * WIDTH * HEIGHT];
+        for (y, x) in (top..top + 9).flat_map(|y| (left..left + 9).map(move |x| (y, x))) {
+            for (channel, value) in hue(keypoint).into_iter().enumerate() {
+                values[(channel * HEIGHT + y) * WIDTH + x] = value;
+            }
+        }
+        let maps = network
+            .infer(&[InputTensor { values }])
+            .expect("an input runs");
+        assert_eq!(maps.len(), MAPS * 24 * 32);
+        let of = |map: usize| &maps[map * 24 * 32..][..24 * 32];
+        let highest = of(keypoint).iter().fold(0.0f32, |a, &b| a.max(b));
+        assert!((highest - 1.0).abs() < 1e-4, "{highest}");
+        let other = of((keypoint + 1) % MAPS)
+            .iter()
+            .fold(0.0f32, |a, &b| a.max(b));
+        assert!(other < 1e-6, "{other}");
+        let total: f32 = of(keypoint).iter().sum();
+        let mean = |along: fn(usize) -> usize| {
+            let weighted = of(keypoint).iter().enumerate();
+            let sum: f32 = weighted.map(|(at, value)| along(at) as f32 * value).sum();
+            cell.scale * f64::from(sum / total) + cell.offset
+        };
+        let found = [mean(|at| at % 24), mean(|at| at / 24)];
+        let expected = [left as f64 + 4.0, top as f64 + 4.0];
+        let off = (found[0] - expected[0]).hypot(found[1] - expected[1]);
+        assert!(off < 0.05, "{found:?}, expected {expected:?}");
+    }
+}
+
 /// A picture of 640 x 480 with one person that `chroma_160.onnx` detects at (200, 120) to (280,
 /// 360).
 fn picture() -> RgbImage {

@@ -46,7 +46,7 @@ impl MeetingFixture {
         let method = Method {
             dt_s: 1.0 / 60.0,
             sites: sites_of(&keypoints, &BTreeMap::new()),
-            relative_sigmas: relative_sigmas(&keypoints),
+            relative_sigmas: relative_sigmas(&keypoints, &BTreeMap::new()),
             map_size: None,
             floor_m: 0.0,
             peak_sigma_of_width: farfield_proto::model_card::PEAK_SIGMA_OF_WIDTH,

@@ -133,6 +133,8 @@ impl Posters {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeMap;
+
     use crate::body::fixture::{Noise, coco, joints, standing};
     use crate::body::ik::relative_sigmas;
     use crate::body::observed::KeypointEstimate;
@@ -174,7 +176,7 @@ mod tests {
     }
 
     fn sigmas() -> Vec<f64> {
-        relative_sigmas(&KeypointSet::coco17())
+        relative_sigmas(&KeypointSet::coco17(), &BTreeMap::new())
     }
 
     fn is_poster(ticks: &[TentativeTick]) -> bool {

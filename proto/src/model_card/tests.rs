@@ -68,6 +68,25 @@ fn the_peak_sigma_has_a_default() {
 }
 
 #[test]
+fn a_simcc_card_gives_its_tensors_and_its_cells() {
+    let tensors = r#"simcc = { x = "simcc_x", y = "simcc_y", bins_per_pixel = 2 }"#;
+    let text = HEATMAP.replace("name = \"heatmaps\"", tensors);
+    let cells = "cell_to_input = { scale = 4.0, offset = 0.0 }\n";
+    let card = HeatmapCard::parse(&text.replace(cells, ""), Path::new("card.toml")).unwrap();
+    assert!(matches!(card.output.tensors, HeatmapTensors::Simcc(it) if it.y == "simcc_y"));
+    // Eight bins in a cell: the centre of the first cell is bin 3.5.
+    let CellToInput { scale, offset } = card.cell_to_input;
+    assert!((scale - 4.0).abs() < 1e-12 && (offset - 1.75).abs() < 1e-12);
+    let error = |text: &str| parse(text).unwrap_err().to_string();
+    assert!(error(&text).contains("`cell_to_input`: expected no such field"));
+    assert!(error(&HEATMAP.replace(cells, "")).contains("`cell_to_input`: the field is missing"));
+    let both = text.replace("simcc = ", "name = \"maps\", simcc = ");
+    assert!(error(&both).contains("found both"));
+    let none = text.replace("bins_per_pixel = 2", "bins_per_pixel = 0");
+    assert!(error(&none).contains("`output.simcc.bins_per_pixel`"));
+}
+
+#[test]
 fn a_detector_card_is_read() {
     let card = DetectorCard::parse(DETECTOR, Path::new("models/card.toml")).unwrap();
     assert_eq!((card.decode, card.output.person_class), (Decode::Yolox, 0));
@@ -127,7 +146,7 @@ fn errors_name_field_and_line() {
         HEATMAP,
         "coco17",
         "coco18",
-        "5: `output.keypoints`: found \"coco18\", expected \"coco17\" or \"coco23\" (with feet), or a list of names",
+        "5: `output.keypoints`: found \"coco18\", expected \"coco17\", or with feet \"coco23\" or \"halpe26\", or a list of names",
     );
     check(
         HEATMAP,

@@ -84,7 +84,7 @@ impl CameraRing {
         Method {
             dt_s: 1.0 / RATE_HZ,
             sites: sites_of(&keypoints, &std::collections::BTreeMap::new()),
-            relative_sigmas: relative_sigmas(&keypoints),
+            relative_sigmas: relative_sigmas(&keypoints, &std::collections::BTreeMap::new()),
             map_size: None,
             floor_m: 0.0,
             peak_sigma_of_width: farfield_proto::model_card::PEAK_SIGMA_OF_WIDTH,

@@ -1,5 +1,7 @@
 //! Targets and solution of a solve.
 
+use std::collections::BTreeMap;
+
 use farfield_proto::keypoints::KeypointSet;
 use nalgebra::{Matrix3, Vector3};
 
@@ -162,13 +164,14 @@ const LIMB_SIGMA: f64 = 0.084;
 const RATIOS: [f64; 2] = [0.5, 1.5];
 
 /// Per keypoint of the network: its expected error over that of the average limb keypoint. Names
-/// that COCO does not have count as average.
-pub fn relative_sigmas(keypoints: &KeypointSet) -> Vec<f64> {
+/// that COCO does not have count as average. `factors` are those of the network's card.
+pub fn relative_sigmas(keypoints: &KeypointSet, factors: &BTreeMap<String, f64>) -> Vec<f64> {
     let of = |name: &String| {
         let known = OKS_SIGMAS.iter().find(|(part, _)| name.ends_with(part));
-        known.map_or(1.0, |(_, sigma)| {
+        let usual = known.map_or(1.0, |(_, sigma)| {
             (sigma / LIMB_SIGMA).clamp(RATIOS[0], RATIOS[1])
-        })
+        });
+        usual * factors.get(name).copied().unwrap_or(1.0)
     };
     keypoints.names().iter().map(of).collect()
 }
@@ -180,7 +183,11 @@ mod relative_sigma_tests {
     #[test]
     fn eyes_are_better_than_hips_and_unknown_names_average() {
         let names = ["left_eye", "left_wrist", "left_hip", "mid_spine"];
-        let sigmas = relative_sigmas(&KeypointSet::new(names.map(str::to_owned).to_vec()));
+        let sigmas = relative_sigmas(
+            &KeypointSet::new(names.map(str::to_owned).to_vec()),
+            &[("left_hip".to_owned(), 2.0)].into(),
+        );
+        assert!(sigmas[2] > 2.0, "{sigmas:?}");
         assert!(sigmas[..3].is_sorted_by(|a, b| a < b), "{sigmas:?}");
         assert!((sigmas[3] - 1.0).abs() < 1e-12, "{sigmas:?}");
     }
