@@ -8,7 +8,7 @@ use farfield_proto::id::{PersonId, SessionId};
 use farfield_proto::message::{PersonPose, PersonState, PoseSet};
 use farfield_proto::tick::Tick;
 
-use super::{AngleColumn, Layout};
+use super::{AngleColumn, KeypointColumn, Layout};
 
 /// Its columns.
 pub fn layout() -> Layout {
@@ -19,7 +19,10 @@ pub fn layout() -> Layout {
     Layout {
         joints: vec!["pelvis".to_owned(), "left_knee".to_owned()],
         is_marker: vec![true; 2],
-        keypoints: vec!["left_knee".to_owned()],
+        keypoints: vec![KeypointColumn {
+            index: 0,
+            name: "left_knee".to_owned(),
+        }],
         angles: vec![
             AngleColumn::named("pelvis_tilt"),
             AngleColumn::named("pelvis_tx"),

@@ -54,8 +54,13 @@ impl Serialize for PoseLine<'_> {
         map.serialize_entry("tick", &self.tick)?;
         map.serialize_entry("person", &pose.person)?;
         map.serialize_entry("state", &pose.state)?;
-        map.serialize_entry("joints", &Points(&layout.joints, &pose.joints_m))?;
-        map.serialize_entry("keypoints", &Points(&layout.keypoints, &pose.keypoints_m))?;
+        let joints = layout.joints.iter().zip(&pose.joints_m);
+        map.serialize_entry("joints", &Points(joints))?;
+        let keypoints = layout.keypoints.iter().filter_map(|keypoint| {
+            let at_m = pose.keypoints_m.get(keypoint.index)?;
+            Some((&keypoint.name, at_m))
+        });
+        map.serialize_entry("keypoints", &Points(keypoints))?;
         if !pose.sigma_m.is_empty() {
             map.serialize_entry("sigma_m", &Sigmas(&layout.joints, &pose.sigma_m))?;
         }
@@ -66,12 +71,16 @@ impl Serialize for PoseLine<'_> {
     }
 }
 
-struct Points<'a>(&'a [String], &'a [[f32; 3]]);
+/// Names with their world metres.
+struct Points<I>(I);
 
-impl Serialize for Points<'_> {
+impl<'a, I> Serialize for Points<I>
+where
+    I: Iterator<Item = (&'a String, &'a [f32; 3])> + Clone,
+{
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let rounded = |p: &[f32; 3]| p.map(|v| round(f64::from(v), POSITION_DECIMALS));
-        serializer.collect_map(self.0.iter().zip(self.1.iter().map(rounded)))
+        serializer.collect_map(self.0.clone().map(|(name, at_m)| (name, rounded(at_m))))
     }
 }
 

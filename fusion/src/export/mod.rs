@@ -39,10 +39,19 @@ pub struct Layout {
     pub joints: Vec<String>,
     /// Per joint whether the keypoints determine it: other joints are no markers.
     pub is_marker: Vec<bool>,
-    /// Names of the keypoints, in the order of the network's card.
-    pub keypoints: Vec<String>,
+    /// The keypoints that have a place on the body, in the order of the network's card.
+    pub keypoints: Vec<KeypointColumn>,
     /// The reported angles, in the model's order.
     pub angles: Vec<AngleColumn>,
+}
+
+/// One keypoint of the network.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KeypointColumn {
+    /// Its index in a pose, and on the card.
+    pub index: usize,
+    /// Its name on the card.
+    pub name: String,
 }
 
 /// One reported angle, or one of the root's translations.
@@ -88,7 +97,14 @@ impl Layout {
     /// The layout of poses of a network with these `keypoints`, and the enforced `range` of motion,
     /// if any.
     pub fn of(keypoints: &KeypointSet, range: Option<&RangeOfMotion>) -> Self {
-        let determined = Determined::by(&sites_of(keypoints, &BTreeMap::new()));
+        let sites = sites_of(keypoints, &BTreeMap::new());
+        let determined = Determined::by(&sites);
+        // A pose has the pelvis in place of a keypoint without a site.
+        let keypoints = keypoints.names().iter().zip(&sites).enumerate();
+        let keypoints = keypoints.filter_map(|(index, (name, site))| {
+            let name = name.clone();
+            site.map(|_| KeypointColumn { index, name })
+        });
         let angle = |(index, name): (usize, &&str)| {
             let mut column = AngleColumn::named(*name);
             column.evidence = determined.angles[index];
@@ -104,7 +120,7 @@ impl Layout {
                 .map(|joint| joint.name().to_owned())
                 .collect(),
             is_marker: determined.joints.to_vec(),
-            keypoints: keypoints.names().to_vec(),
+            keypoints: keypoints.collect(),
             angles: ANGLE_NAMES.iter().enumerate().map(angle).collect(),
         }
     }
@@ -113,7 +129,8 @@ impl Layout {
     /// [`marker_names`]. A joint and its keypoint differ if the network's point is not the
     /// anatomical centre.
     pub fn markers(&self) -> Vec<String> {
-        let names = marker_names::point_names(&self.joints, &self.keypoints);
+        let keypoints = self.keypoints.iter().map(|it| it.name.clone());
+        let names = marker_names::point_names(&self.joints, &keypoints.collect::<Vec<_>>());
         let is_marker = self.is_marker.iter().copied();
         let is_marker = is_marker.chain(std::iter::repeat(true));
         let markers = names.into_iter().zip(is_marker);

@@ -89,10 +89,10 @@ pub fn row(layout: &Layout, tick: Tick, time_s: f64, pose: Option<&PersonPose>) 
         for i in joints {
             push_marker(&mut text, pose.joints_m.get(i), pose.sigma_m.get(i));
         }
-        for (i, name) in layout.keypoints.iter().enumerate() {
-            let joint = layout.joints.iter().position(|joint| joint == name);
+        for keypoint in &layout.keypoints {
+            let joint = layout.joints.iter().position(|it| *it == keypoint.name);
             let sigma_m = joint.and_then(|joint| pose.sigma_m.get(joint));
-            push_marker(&mut text, pose.keypoints_m.get(i), sigma_m);
+            push_marker(&mut text, pose.keypoints_m.get(keypoint.index), sigma_m);
         }
     } else {
         let joints = layout.is_marker.iter().filter(|is_marker| **is_marker);
@@ -124,6 +124,7 @@ fn push_marker(text: &mut String, at_m: Option<&[f32; 3]>, sigma_m: Option<&f32>
 
 #[cfg(test)]
 mod tests {
+    use farfield_proto::keypoints::KeypointSet;
     use farfield_proto::message::PersonState;
 
     use super::super::fixture;
@@ -180,6 +181,22 @@ mod tests {
         let cells = head(&layout, 7);
         let cells = cells.lines().nth(4).unwrap().split('\t').count();
         assert_eq!(row.split('\t').count(), cells);
+    }
+
+    /// Symptom to prevent: thumbs and mouth of `BlazePose` were markers at the pelvis.
+    #[test]
+    fn keypoints_without_a_place_on_the_body_are_no_markers() {
+        let names = ["left_thumb", "left_heel"].map(str::to_owned).to_vec();
+        let layout = Layout::of(&KeypointSet::new(names), None);
+        let markers = layout.markers();
+        assert!(
+            !markers.iter().any(|it| it.contains("thumb")),
+            "{markers:?}"
+        );
+        let mut pose = fixture::pose(1, PersonState::Tracked);
+        pose.keypoints_m = vec![[9.0; 3], [0.5, 0.25, 0.125]];
+        let row = row(&layout, Tick(7), 0.5, Some(&pose));
+        assert!(row.ends_with("\t0.25000\t0.12500\t0.50000\n"), "{row}");
     }
 
     #[test]
