@@ -16,6 +16,7 @@ use farfield_score::lines::{LinesRole, PoseLines, TruthExtent};
 use farfield_score::overlap::Overlap;
 use farfield_score::plot::plot_of;
 use farfield_score::points::PointSet;
+use farfield_score::repeatability::{Repeatability, SessionAngles};
 use farfield_score::table::side_by_side;
 use farfield_score::truth_warnings::{TruthWarning, misread, truth_warnings};
 use farfield_score::{Scores, score};
@@ -38,6 +39,14 @@ pub(crate) struct EvaluateArgs {
     ///
     /// With the joints and keypoints that are known; or the folder of its `truth.jsonl`.
     truth: PathBuf,
+    /// Further sessions (`--sessions`).
+    #[arg(requires = "sessions", value_name = "POSES")]
+    others: Vec<PathBuf>,
+    /// Compare sessions with each other: POSES TRUTH ... are results of one recording.
+    ///
+    /// Of other calibrations, networks or viewpoints: standard deviation of each joint angle, degrees.
+    #[arg(long, conflicts_with_all = ["beside", "ticks", "rate_hz", "plot"])]
+    sessions: bool,
     /// Other poses to compare against the same truth.
     #[arg(long, value_name = "POSES")]
     beside: Option<PathBuf>,
@@ -77,6 +86,10 @@ pub(crate) struct EvaluateArgs {
 /// When a file is missing or wrong, when the truth has nothing to compare, or when the result cannot be printed or
 /// drawn.
 pub(crate) fn evaluate(args: &EvaluateArgs) -> Result<(), NodeError> {
+    if args.sessions {
+        let found = repeatability_of(args).map_err(NodeError::Refused)?;
+        return print_as(&found, args.json, Repeatability::to_string);
+    }
     if let Some(rate) = args.rate_hz.filter(|&rate| !is_rate(rate)) {
         let problem = anyhow!("--rate-hz: found {rate}, expected a number above 0");
         return Err(NodeError::Refused(problem));
@@ -89,12 +102,32 @@ pub(crate) fn evaluate(args: &EvaluateArgs) -> Result<(), NodeError> {
             .with_context(|| format!("writing {}", path.display()))
             .map_err(NodeError::Refused)?;
     }
-    let text = if args.json {
-        serde_json::to_string_pretty(&evaluation).map_err(NodeError::failed)?
+    print_as(&evaluation, args.json, Evaluation::table)
+}
+
+/// Prints `found` as a table, or as JSON.
+fn print_as<T: serde::Serialize>(
+    found: &T,
+    json: bool,
+    table: impl Fn(&T) -> String,
+) -> Result<(), NodeError> {
+    let text = if json {
+        serde_json::to_string_pretty(found).map_err(NodeError::failed)?
     } else {
-        evaluation.table()
+        table(found)
     };
     output::print(&format!("{text}\n")).map_err(NodeError::Failed)
+}
+
+fn repeatability_of(args: &EvaluateArgs) -> anyhow::Result<Repeatability> {
+    let paths = [&args.poses, &args.truth].into_iter().chain(&args.others);
+    let sessions = paths.map(|path| {
+        let path = file_in(path, POSES)?;
+        let file = File::open(&path).with_context(|| path.display().to_string())?;
+        Ok(SessionAngles::read(BufReader::new(file), &path)?)
+    });
+    let sessions: Vec<SessionAngles> = sessions.collect::<anyhow::Result<_>>()?;
+    Repeatability::of(&sessions).map_err(anyhow::Error::msg)
 }
 
 impl EvaluateArgs {

@@ -22,6 +22,7 @@ pub mod overlap;
 mod pairing;
 pub mod plot;
 pub mod points;
+pub mod repeatability;
 pub mod table;
 pub mod truth_warnings;
 pub mod uncertainty_calibration;
