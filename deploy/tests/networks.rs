@@ -163,3 +163,56 @@ fn the_cards_of_the_documentation_are_valid() {
     }
     assert_eq!(cards, 4);
 }
+
+/// Writes `card` with `changes` as `NAME.toml` to the folder, and returns what `networks check` prints.
+fn checked(place: &Place, card: &str, name: &str, changes: &[(&str, &str)]) -> String {
+    let mut card = card.to_owned();
+    for (from, to) in changes {
+        assert!(card.contains(from), "{from}");
+        card = card.replace(from, to);
+    }
+    fs::write(place.path(&format!("{name}.toml")), card).unwrap();
+    let output = place.farfield(&["networks", "check", &format!("{name}.toml")]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    println!("{name}: {text}");
+    text
+}
+
+/// Each of these errors lets a network run, and makes all poses a little wrong.
+#[test]
+fn a_card_that_does_not_fit_its_network_is_found_on_rendered_people() {
+    let place = Place::new();
+    let card = farfield_sim::embedded::write_network(place.folder.path()).unwrap();
+    let text = fs::read_to_string(place.path(card)).unwrap();
+    let fine = checked(&place, &text, "fine", &[]);
+    assert!(
+        fine.contains("24 rendered people") && !fine.contains("failed"),
+        "{fine}"
+    );
+    assert!(!fine.contains("rendered people better"), "{fine}");
+    let shifted = checked(
+        &place,
+        &text,
+        "shifted",
+        &[("offset = 1.5", "offset = 3.5")],
+    );
+    assert!(
+        shifted.contains("do not fit with an `offset` of 3.50"),
+        "{shifted}"
+    );
+    let reordered = checked(&place, &text, "reordered", &[("\"coco17\"", REORDERED)]);
+    assert!(
+        reordered.contains("2 of 12 limbs: map 14 (`left_knee`) shows right_knee"),
+        "{reordered}"
+    );
+    let dark = checked(
+        &place,
+        &text,
+        "dark",
+        &[("scale = 0.00392156862745098", "scale = 0.001")],
+    );
+    assert!(dark.contains("rendered people better"), "{dark}");
+}
+
+/// COCO's keypoints with the knees exchanged.
+const REORDERED: &str = r#"["nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "right_knee", "left_knee", "left_ankle", "right_ankle"]"#;

@@ -4,6 +4,7 @@
 //! packages of registries ([`farfield_networks`]). Their cards are used by name: `--network blazepose`.
 
 mod list;
+mod rendered_people;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -24,7 +25,7 @@ use farfield_proto::toml_file::unknown_name;
 
 use crate::doctor::check_card;
 use crate::output;
-use crate::report_lines::{ReportForm, ReportLines};
+use crate::report_lines::{ReportForm, ReportLines, Verdict};
 
 /// The command that installs the first known network of each kind, for messages.
 pub(crate) const INSTALL: &str = "farfield networks install blazepose movenet-people";
@@ -231,6 +232,12 @@ fn check(args: &CheckCardArgs) -> Result<ExitCode, NodeError> {
     let mut report = ReportLines::default();
     report.ok(NETWORKS, format!("{}: {}", path.display(), shapes(&card)));
     check_card(&path, &card, CARD, &mut report);
+    if let ModelCard::Heatmap(card) = &card
+        && report.verdict() != Verdict::Failed
+        && let Err(error) = rendered_people::check(&path, card, &mut report)
+    {
+        report.fail(NETWORKS, format!("{error:#}"), CARD);
+    }
     report
         .print(ReportForm::from_flag(args.json))
         .map_err(NodeError::Failed)
