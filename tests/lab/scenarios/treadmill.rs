@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 
 use farfield_lab::in_process::InProcess;
 use farfield_lab::leave_one_out::{ViewsRun, median};
+use farfield_proto::patch::CompressionLevel;
 use serde_json::Value;
 
 use crate::data::{cases, onnx_runtime, recording};
@@ -192,7 +193,7 @@ fn the_skeleton_predicts_a_withheld_view_better_than_triangulation_does() {
     let (mut ours_all, mut dlt_all) = (Vec::new(), Vec::new());
     // The first two have the least and the largest distances of the four.
     for withheld in cases("a withheld view of the treadmill", [1, 2, 0, 3], 2) {
-        let run = ViewsRun::without(&venue, withheld, None).unwrap();
+        let run = ViewsRun::without(&venue, withheld, None, CompressionLevel::LOSSLESS).unwrap();
         let (ours, dlt) = distances_px(&run, run.withheld_view());
         println!(
             "treadmill, view {withheld} withheld, {} keypoints: ours {:.2} px, DLT {:.2} px (medians)",

@@ -13,6 +13,7 @@ use farfield_proto::id::PersonId;
 use farfield_proto::keypoints::{COCO17, KeypointSet};
 use farfield_proto::message::PersonPose;
 use farfield_proto::order_statistics::upper_median;
+use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 use farfield_proto::venue::Venue;
 use nalgebra::{Vector2, Vector3};
@@ -88,6 +89,8 @@ pub struct ViewsRun {
     keypoints: KeypointSet,
     rate_hz: f64,
     frames: BTreeMap<(Tick, PersonId), PersonFrame>,
+    /// Messages of maps from the edges: people and bytes.
+    sent: [usize; 2],
 }
 
 impl ViewsRun {
@@ -106,7 +109,12 @@ impl ViewsRun {
         let mut cameras: Vec<CameraModel> = cameras.collect();
         let n_used = cameras.len();
         cameras.extend(onlooker.as_ref().map(|it| it.camera().clone()));
+        let mut sent = [0; 2];
         while let Some(mut trace) = run.step()? {
+            for set in trace.edges.iter().flat_map(|edge| &edge.patch_sets) {
+                sent[0] += set.persons.len();
+                sent[1] += farfield_proto::wire::encode(set).len();
+            }
             if let Some(onlooker) = &mut onlooker {
                 trace.edges.push(onlooker.look(&trace.poses)?);
             }
@@ -139,22 +147,34 @@ impl ViewsRun {
             n_used,
             keypoints: run.keypoints().clone(),
             rate_hz: run.venue().rate_hz,
+            sent,
         })
     }
 
     /// Runs the venue at `path` without the viewpoint `withheld`, which looks on; with `still_ticks` each camera shows its
-    /// first frame at so many ticks.
+    /// first frame at so many ticks. The edges compress maps by `level`; the view that looks on is exact.
     ///
     /// # Errors
     /// The venue is refused, or the run fails.
-    pub fn without(path: &Path, withheld: usize, still_ticks: Option<i64>) -> anyhow::Result<Self> {
+    pub fn without(
+        path: &Path,
+        withheld: usize,
+        still_ticks: Option<i64>,
+        level: CompressionLevel,
+    ) -> anyhow::Result<Self> {
         let [used, withheld] = split_venue(path, withheld)?;
         let (mut run, mut onlooker) = (InProcess::open_venue(used)?, Onlooker::open(&withheld)?);
+        run.set_compression_level(level);
         if let Some(n_ticks) = still_ticks {
             run.hold_still(n_ticks)?;
             onlooker.hold_still()?;
         }
         Self::make(run, Some(onlooker))
+    }
+
+    /// People, summed over views and ticks, and the bytes of the messages with their maps.
+    pub fn sent(&self) -> [usize; 2] {
+        self.sent
     }
 
     /// The view of the onlooker.

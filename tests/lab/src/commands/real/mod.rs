@@ -12,13 +12,17 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, ensure};
 use farfield::output;
 use farfield_node::process::NodeError;
+use farfield_proto::id::PersonId;
 use farfield_proto::order_statistics::percentile;
+use farfield_proto::patch::CompressionLevel;
 use farfield_proto::tick::Tick;
 
 use self::shelf::ShelfScore;
 use super::recordings_folder;
 use crate::leave_one_out::{Residual, ViewsRun};
 
+/// The treadmill, below the folder of recordings.
+const TREADMILL: &str = "data/pose2sim/single/venue.toml";
 /// Ticks for which a moment is shown.
 const STILL_TICKS: i64 = 30;
 
@@ -35,6 +39,9 @@ pub(super) struct RealArgs {
     /// Write each comparison as a line of a CSV file per trial.
     #[arg(long, value_name = "DIR")]
     csv: Option<PathBuf>,
+    /// Compare the levels of compression instead: bytes and distances.
+    #[arg(long, conflicts_with_all = ["csv", "check"])]
+    levels: bool,
     /// Fail if a figure is more than a tenth above what was reached when this check was written.
     #[arg(long)]
     check: bool,
@@ -60,6 +67,8 @@ struct Trial {
     comparisons: Vec<Comparison>,
     /// People at the end, by withheld view.
     people: Vec<usize>,
+    /// People in views at ticks, and the bytes of their maps.
+    sent: [usize; 2],
 }
 
 /// Median, mean and 90th percentile of distances, percent of a person's height.
@@ -84,36 +93,72 @@ pub(super) fn real(args: &RealArgs) -> Result<(), NodeError> {
             )));
         }
     }
+    if args.levels {
+        return compare_levels(args, &root).map_err(NodeError::Failed);
+    }
     compare(args, &root).map_err(NodeError::Failed)
 }
 
+/// Prints bytes against distances, by level of compression.
+fn compare_levels(args: &RealArgs, root: &Path) -> anyhow::Result<()> {
+    output::print(
+        "bytes of a person in a view at a tick, and distance from the peaks of a withheld view, % of a person's height\n",
+    )?;
+    output::print("          trial  level   bytes  median /  mean /   P90\n")?;
+    for level in CompressionLevel::all() {
+        let mut trials = Vec::new();
+        if args.wants(Recording::Moments) {
+            trials.push(moments_trial(root, level, |_| Ok(()))?);
+        }
+        if args.wants(Recording::Treadmill) {
+            trials.push(treadmill_trial(&root.join(TREADMILL), level)?);
+        }
+        for trial in trials {
+            let [ours, _] = trial.distances().context("no person was found")?;
+            let [people, bytes] = trial.sent;
+            output::print(&format!(
+                "{:>15} {:>6} {:>7.0}  {ours}\n",
+                trial.name,
+                level.number(),
+                bytes as f64 / people.max(1) as f64
+            ))?;
+        }
+    }
+    Ok(())
+}
+
+/// The moments with each view withheld in turn, as one trial; `each` gets those of single moments.
+fn moments_trial(
+    root: &Path,
+    level: CompressionLevel,
+    each: impl Fn(&Trial) -> anyhow::Result<()>,
+) -> anyhow::Result<Trial> {
+    let mut all = Trial::new("moments");
+    for moment in moments::moments_in(&root.join("data/panoptic"))? {
+        let trial = moment_trial(&moment, &root.join("models"), level)?;
+        each(&trial)?;
+        all.comparisons.extend(trial.comparisons);
+        all.sent = [0, 1].map(|i| all.sent[i] + trial.sent[i]);
+    }
+    Ok(all)
+}
+
 fn compare(args: &RealArgs, root: &Path) -> anyhow::Result<()> {
-    let is_wanted = |name: Recording| args.only.is_empty() || args.only.contains(&name);
-    let (data, models) = (root.join("data"), root.join("models"));
+    let exact = CompressionLevel::LOSSLESS;
     let mut failures = Vec::new();
     output::print(&format!("{HEAD}\n"))?;
-    if is_wanted(Recording::Moments) {
-        let mut all = Vec::new();
-        for moment in moments::moments_in(&data.join("panoptic"))? {
-            let trial = moment_trial(&moment, &models)?;
-            trial.report(args)?;
-            all.extend(trial.comparisons);
-        }
-        let trial = Trial {
-            name: "moments".to_owned(),
-            comparisons: all,
-            people: Vec::new(),
-        };
+    if args.wants(Recording::Moments) {
+        let trial = moments_trial(root, exact, |moment| moment.report(args))?;
         trial.report(args)?;
         failures.extend(trial.failure(&MOMENTS_AT_MOST));
     }
-    if is_wanted(Recording::Treadmill) {
-        let trial = treadmill_trial(&data.join("pose2sim/single/venue.toml"))?;
+    if args.wants(Recording::Treadmill) {
+        let trial = treadmill_trial(&root.join(TREADMILL), exact)?;
         trial.report(args)?;
         failures.extend(trial.failure(&TREADMILL_AT_MOST));
     }
-    if is_wanted(Recording::Shelf) {
-        let score = ShelfScore::measure(&data.join("shelf"))?;
+    if args.wants(Recording::Shelf) {
+        let score = ShelfScore::measure(&root.join("data/shelf"))?;
         output::print(&score.to_string())?;
         failures.extend(score.failure());
     }
@@ -123,36 +168,36 @@ fn compare(args: &RealArgs, root: &Path) -> anyhow::Result<()> {
 }
 
 /// A moment with each view withheld in turn. The last tick is compared.
-fn moment_trial(moment: &Path, models: &Path) -> anyhow::Result<Trial> {
+fn moment_trial(moment: &Path, models: &Path, level: CompressionLevel) -> anyhow::Result<Trial> {
     let folder = tempfile::tempdir()?;
     let venue = moments::write_venue(moment, models, folder.path())?;
     let n_views = farfield_node::files::load_venue(&venue)?.viewpoints.len();
     let mut trial = Trial::new(&moment.file_name().unwrap_or_default().to_string_lossy());
     for view in 0..n_views {
-        let run = ViewsRun::without(&venue, view, Some(STILL_TICKS))?;
+        let run = ViewsRun::without(&venue, view, Some(STILL_TICKS), level)?;
         let last = Tick(STILL_TICKS - 1);
         trial.people.push(run.people_at(last));
-        trial.add(
-            view,
-            run.residuals(run.withheld_view(), |tick, _| tick == last),
-        );
+        trial.add(view, &run, |tick, _| tick == last);
     }
     Ok(trial)
 }
 
 /// The man on the treadmill with each view withheld in turn, at all ticks.
-fn treadmill_trial(venue: &Path) -> anyhow::Result<Trial> {
+fn treadmill_trial(venue: &Path, level: CompressionLevel) -> anyhow::Result<Trial> {
     let n_views = farfield_node::files::load_venue(venue)?.viewpoints.len();
     let mut trial = Trial::new("treadmill");
     for view in 0..n_views {
-        let run = ViewsRun::without(venue, view, None)?;
+        let run = ViewsRun::without(venue, view, None, level)?;
         let man = run.most_seen().context("no person on the treadmill")?;
-        trial.add(
-            view,
-            run.residuals(run.withheld_view(), |_, person| person == man),
-        );
+        trial.add(view, &run, |_, person| person == man);
     }
     Ok(trial)
+}
+
+impl RealArgs {
+    fn wants(&self, name: Recording) -> bool {
+        self.only.is_empty() || self.only.contains(&name)
+    }
 }
 
 impl Trial {
@@ -161,13 +206,16 @@ impl Trial {
             name: name.to_owned(),
             comparisons: Vec::new(),
             people: Vec::new(),
+            sent: [0; 2],
         }
     }
 
-    fn add(&mut self, withheld: usize, residuals: Vec<Residual>) {
-        let comparisons = residuals.into_iter();
-        self.comparisons
-            .extend(comparisons.map(|residual| Comparison { withheld, residual }));
+    /// Adds a run without the view `withheld`, of the chosen ticks and people.
+    fn add(&mut self, withheld: usize, run: &ViewsRun, of: impl Fn(Tick, PersonId) -> bool) {
+        let residuals = run.residuals(run.withheld_view(), of).into_iter();
+        let comparisons = residuals.map(|residual| Comparison { withheld, residual });
+        self.comparisons.extend(comparisons);
+        self.sent = [0, 1].map(|i| self.sent[i] + run.sent()[i]);
     }
 
     /// Our distances and those of triangulation.
@@ -271,8 +319,6 @@ impl fmt::Display for Trial {
 
 #[cfg(test)]
 mod tests {
-    use farfield_proto::id::PersonId;
-
     use super::*;
 
     /// A trial with these distances of ours, pixels, in a person of 200 pixels.
@@ -286,7 +332,12 @@ mod tests {
             height_px: 200.0,
         };
         let mut trial = Trial::new("treadmill");
-        trial.add(0, ours_px.iter().map(residual).collect());
+        let residuals = ours_px.iter().map(residual);
+        let comparisons = residuals.map(|residual| Comparison {
+            withheld: 0,
+            residual,
+        });
+        trial.comparisons = comparisons.collect();
         trial
     }
 
