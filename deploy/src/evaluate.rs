@@ -42,10 +42,10 @@ pub(crate) struct EvaluateArgs {
     /// Further sessions (`--sessions`).
     #[arg(requires = "sessions", value_name = "POSES")]
     others: Vec<PathBuf>,
-    /// Compare sessions with each other: POSES TRUTH ... are results of one recording.
+    /// Compare joint angles of POSES TRUTH ..., results of one recording.
     ///
-    /// Of other calibrations, networks or viewpoints: standard deviation of each joint angle, degrees.
-    #[arg(long, conflicts_with_all = ["beside", "ticks", "rate_hz", "plot"])]
+    /// Computed with other calibrations, networks or viewpoints: standard deviation of each angle, degrees.
+    #[arg(long, conflicts_with_all = ["beside", "points", "truth-extent", "ticks", "rate_hz", "plot"])]
     sessions: bool,
     /// Other poses to compare against the same truth.
     #[arg(long, value_name = "POSES")]

@@ -205,6 +205,11 @@ fn a_card_that_does_not_fit_its_network_is_found_on_rendered_people() {
         reordered.contains("2 of 12 limbs: map 14 (`left_knee`) shows right_knee"),
         "{reordered}"
     );
+    let all = checked(&place, &text, "all", &[("\"coco17\"", REVERSED)]);
+    assert!(
+        all.contains("map 11 (`left_shoulder`) shows left_hip"),
+        "{all}"
+    );
     let dark = checked(
         &place,
         &text,
@@ -214,5 +219,7 @@ fn a_card_that_does_not_fit_its_network_is_found_on_rendered_people() {
     assert!(dark.contains("rendered people better"), "{dark}");
 }
 
+/// COCO's keypoints, the last first.
+const REVERSED: &str = r#"["right_ankle", "left_ankle", "right_knee", "left_knee", "right_hip", "left_hip", "right_wrist", "left_wrist", "right_elbow", "left_elbow", "right_shoulder", "left_shoulder", "right_ear", "left_ear", "right_eye", "left_eye", "nose"]"#;
 /// COCO's keypoints with the knees exchanged.
 const REORDERED: &str = r#"["nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "right_knee", "left_knee", "left_ankle", "right_ankle"]"#;

@@ -144,7 +144,7 @@ pub struct Pipeline {
 
 impl Pipeline {
     /// The core for `venue`, whose network has the card `card` (`None`: the venue has
-    /// keypoint files only).
+    /// no pictures).
     pub fn new(venue: &Venue, card: Option<&HeatmapCard>, session: SessionId) -> Self {
         let keypoints = card.map_or(&venue.keypoints, |card| &card.output.keypoints);
         let no_offsets = BTreeMap::new();

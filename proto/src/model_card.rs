@@ -355,6 +355,7 @@ fn heatmap(file: &TomlFile<'_>) -> Result<HeatmapCard, FileError> {
             ));
         }
     }
+    check_simcc_output(file, &raw.output, &input)?;
     if let Some(sigma_cells) = raw.output.peak_sigma_cells {
         let place = Place::field("output").key("peak_sigma_cells");
         check_range(file, &place, sigma_cells, 0.1, MAX_SIDE as f64)?;
@@ -436,6 +437,31 @@ fn tensors(
             Err(file.error(&Place::field("output"), problem))
         }
     }
+}
+
+/// Of a `SimCC` network, the cells are square, and the width of peaks is ours.
+fn check_simcc_output(
+    file: &TomlFile<'_>,
+    output: &RawHeatmapOutput,
+    input: &NetworkInput,
+) -> Result<(), FileError> {
+    let place = Place::field("output");
+    if output.simcc.is_none() {
+        return Ok(());
+    }
+    if output.peak_sigma_cells.is_some() {
+        let problem = "expected no such field with `simcc`: its peaks get the usual width";
+        return Err(file.error(&place.key("peak_sigma_cells"), problem));
+    }
+    let expected = u64::from(output.width) * u64::from(input.height);
+    if u64::from(output.height) * u64::from(input.width) != expected {
+        let problem = format!(
+            "found {} x {} cells for an input of {} x {}, expected the same ratio of sides",
+            output.width, output.height, input.width, input.height
+        );
+        return Err(file.error(&place.key("height"), problem));
+    }
+    Ok(())
 }
 
 /// Of maps as the card says. Of a `SimCC` network, cells divide the bins evenly, and a cell's centre

@@ -22,9 +22,10 @@ use serde::{Deserialize, Serialize};
 /// Fewest ticks that two people share before they can be the same person, and that determine an
 /// angle before it is reported.
 const FEWEST_TICKS: usize = 10;
-/// Cost of a pair that shares too few ticks, radians: more than any two people differ.
-const STRANGERS: f64 = 1e3;
-/// The root's first angles and translations, which depend on the world of a calibration.
+/// Difference of the angles of two people from which they are not the same person, radians: the
+/// mean of all angles of one person in two sessions differs by less than half of it.
+const STRANGERS_RAD: f64 = 0.3;
+/// Angles and translations of the root that depend on the world of a calibration.
 const ROOT: [&str; 4] = ["pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz"];
 
 /// The angles of one tick in radians, in the order of [`compared`]; NaN where nothing determined one.
@@ -77,26 +78,19 @@ impl SessionAngles {
         Ok(session)
     }
 
-    /// Root mean square difference of all angles of two people, radians.
-    fn difference(a: &BTreeMap<i64, Angles>, b: &BTreeMap<i64, Angles>) -> f64 {
+    /// How much speaks for one person: the sum over shared ticks of what the mean square difference
+    /// of all angles is below that of strangers. A long track outweighs a short one that fits better.
+    fn likeness(a: &BTreeMap<i64, Angles>, b: &BTreeMap<i64, Angles>) -> f64 {
         let shared = a.iter().filter_map(|(tick, a)| Some((a, b.get(tick)?)));
-        let (mut sum, mut n, mut ticks) = (0.0, 0.0, 0);
+        let (mut likeness, mut ticks) = (0.0, 0);
         for (a, b) in shared {
             ticks += 1;
-            for off in a
-                .iter()
-                .zip(b)
-                .map(|(a, b)| turned(a - b))
-                .filter(|it| it.is_finite())
-            {
-                sum += off * off;
-                n += 1.0;
-            }
+            let offs = a.iter().zip(b).map(|(a, b)| turned(a - b));
+            let known = offs.filter(|off| off.is_finite());
+            let (sum, n) = known.fold((0.0, 0.0), |(sum, n), off| (sum + off * off, n + 1.0));
+            likeness += f64::max(STRANGERS_RAD * STRANGERS_RAD - sum / f64::max(n, 1.0), 0.0);
         }
-        if ticks < FEWEST_TICKS || n == 0.0 {
-            return STRANGERS;
-        }
-        (sum / n).sqrt()
+        if ticks < FEWEST_TICKS { 0.0 } else { likeness }
     }
 }
 
@@ -140,7 +134,7 @@ impl Repeatability {
         let people = together.iter().filter(|tracks| tracks.len() > 1).count();
         if people == 0 {
             return Err(format!(
-                "no person is in two of the sessions at {FEWEST_TICKS} or more equal ticks: expected results of one recording"
+                "no person of the first session is in another at {FEWEST_TICKS} or more equal ticks with similar angles: expected results of one recording"
             ));
         }
         let angles = compared().enumerate().filter_map(|(angle, name)| {
@@ -169,18 +163,20 @@ fn matched(sessions: &[SessionAngles]) -> Vec<Vec<&BTreeMap<i64, Angles>>> {
     let mut together: Vec<Vec<_>> = first.people.values().map(|track| vec![track]).collect();
     for other in others {
         let tracks: Vec<_> = other.people.values().collect();
-        let cost = |row: usize, column: usize| {
-            let of_first = together[row].first().copied();
-            of_first.map_or(STRANGERS, |it| {
-                SessionAngles::difference(it, tracks[column])
+        let firsts = first.people.values();
+        let likeness: Vec<Vec<f64>> = firsts
+            .map(|first| {
+                tracks
+                    .iter()
+                    .map(|it| SessionAngles::likeness(first, it))
+                    .collect()
             })
-        };
-        let pairs = assign(together.len(), tracks.len(), cost);
+            .collect();
+        let pairs = assign(together.len(), tracks.len(), |row, column| {
+            -likeness[row][column]
+        });
         for (row, column) in pairs.into_iter().enumerate() {
-            let Some(column) = column else { continue };
-            let of_first = together[row].first().copied();
-            if of_first.is_some_and(|it| SessionAngles::difference(it, tracks[column]) < STRANGERS)
-            {
+            if let Some(column) = column.filter(|&column| likeness[row][column] > 0.0) {
                 together[row].push(tracks[column]);
             }
         }
@@ -310,6 +306,17 @@ mod tests {
         assert!((knee(&found).sd_without_offsets_deg - expected(0.02 * 0.02)).abs() < 1e-9);
         let names: Vec<&str> = found.angles.iter().map(|it| it.angle).collect();
         assert_eq!(names, ["hip_flexion_l", "knee_angle_l"]);
+    }
+
+    #[test]
+    fn a_short_track_that_fits_better_does_not_replace_a_long_one() {
+        let motion = |tick: i64| (0.2 * tick as f64).sin();
+        let mut other = session([1, 2], |tick| motion(tick) + 0.05);
+        let exact = session([1, 2], motion).people[&1].clone();
+        other.people.insert(9, exact.into_iter().take(12).collect());
+        let found = Repeatability::of(&[session([1, 2], motion), other]).unwrap();
+        assert_eq!(knee(&found).n, 80);
+        assert!((knee(&found).sd_deg - (0.05 / 2.0f64.sqrt()).to_degrees()).abs() < 1e-9);
     }
 
     #[test]

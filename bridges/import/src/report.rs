@@ -26,11 +26,11 @@ pub struct Report {
     pub cameras: Vec<CameraReport>,
     /// Name of the keypoint model.
     pub model: String,
-    /// COCO keypoints that were imported.
+    /// Keypoints that were imported: of COCO and of feet.
     pub mapped: Vec<&'static str>,
     /// COCO keypoints that the files lack.
     pub missing: Vec<&'static str>,
-    /// Other keypoints of the files; our keypoint files hold only COCO's 17.
+    /// Other keypoints of the files.
     pub left_out: Vec<String>,
     /// What was assumed, corrected, or is suspect.
     pub remarks: Vec<Remark>,

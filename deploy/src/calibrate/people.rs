@@ -29,7 +29,7 @@ pub(super) struct PeopleArgs {
     /// Videos or their folder; NAME.jsonl of keypoints; recording.mcap.
     ///
     /// Videos or folders of numbered images, named after the cameras, are processed by networks (--network,
-    /// --detector). Keypoint files have the format of keypoint venues: a frame per line, COCO's 17 keypoints, distorted
+    /// --detector). Keypoint files have the format of keypoint venues: a frame per line, COCO's 17 keypoints or those with feet, distorted
     /// pixels; the file has the name of the camera. People need no identities. A recording of fusion contains cameras,
     /// lenses and rate; a given lens has priority.
     #[arg(required = true)]

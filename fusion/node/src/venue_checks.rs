@@ -52,7 +52,7 @@ pub fn check_detector(venue: &Venue, path: &Path) -> Result<(), FileError> {
     Err(FileError::new(path, problem).at_field("detector"))
 }
 
-/// Refuses a `[[person]]` with a keypoint that the network of `card` does not have (`None`: the venue has keypoint files only), or without
+/// Refuses a `[[person]]` with a keypoint that the network of `card` does not have (`None`: the venue has no pictures), or without
 /// enough keypoints to fit a body.
 ///
 /// # Errors

@@ -82,6 +82,10 @@ fn a_simcc_card_gives_its_tensors_and_its_cells() {
     assert!(error(&HEATMAP.replace(cells, "")).contains("`cell_to_input`: the field is missing"));
     let both = text.replace("simcc = ", "name = \"maps\", simcc = ");
     assert!(error(&both).contains("found both"));
+    let flat = text
+        .replace(cells, "")
+        .replace("height = 64", "height = 63");
+    assert!(error(&flat).contains("`output.height`: found 48 x 63 cells"));
     let none = text.replace("bins_per_pixel = 2", "bins_per_pixel = 0");
     assert!(error(&none).contains("`output.simcc.bins_per_pixel`"));
 }

@@ -232,15 +232,20 @@ fn keypoints(
     };
     let error = |problem| file.error(&Place::field("keypoints"), problem);
     let is_file = |camera: &VenueCamera| matches!(camera.source, Source::Keypoints { .. });
-    let is_maps = |camera: &VenueCamera| matches!(camera.source, Source::Maps { .. });
-    if !cameras.iter().any(is_file) || cameras.iter().any(is_maps) {
+    let is_simulated = |camera: &VenueCamera| !is_file(camera) && camera.source.drawing().is_some();
+    if !cameras.iter().any(is_file) || cameras.iter().any(is_simulated) {
         return Err(error(
             "found the field in a venue without keypoint files or with simulated maps, expected none: a network's card names its \
              keypoints, and simulated maps are of COCO's 17"
                 .to_owned(),
         ));
     }
-    KeypointSet::named(name).map_err(error)
+    match name {
+        "coco17" | "coco23" => KeypointSet::named(name).map_err(error),
+        other => Err(error(format!(
+            "found \"{other}\", expected \"coco17\" or \"coco23\""
+        ))),
+    }
 }
 
 fn endpoints(file: &TomlFile<'_>, raw: RawFusion) -> Result<Endpoints, FileError> {

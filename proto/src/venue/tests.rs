@@ -222,6 +222,25 @@ fn a_court_needs_no_box() {
 }
 
 #[test]
+fn keypoint_files_have_the_named_set() {
+    let named = |set: &str| VENUE.replace("first_tick = 300", &format!("keypoints = \"{set}\""));
+    let parse = |text: &str| Venue::parse(text, Path::new("venue.toml"), calibration());
+    assert_eq!(parse(VENUE).unwrap().keypoints.len(), 17);
+    assert_eq!(parse(&named("coco23")).unwrap().keypoints.len(), 23);
+    let error = |text: &str| parse(text).unwrap_err().to_string();
+    assert!(error(&named("coco18")).contains("`keypoints`: found \"coco18\""));
+    let file = r#"kind = "keypoints", path = "ne-right.jsonl""#;
+    let video = named("coco23").replace(
+        &format!("{file}, grid = [96, 128]"),
+        r#"kind = "video", path = "a.mp4""#,
+    );
+    assert!(error(&video).contains("without keypoint files"));
+    let simulated = r#"kind = "simulated", path = "scene.toml", content = "maps""#;
+    let mixed = named("coco23").replace(r#"kind = "v4l", device = "/dev/video0""#, simulated);
+    assert!(error(&mixed).contains("simulated maps"));
+}
+
+#[test]
 fn an_unknown_court_is_refused_with_the_known_ones() {
     let max = "max_m = [12.0, 8.0, 2.5]";
     let refused = |more: &str, expected: &str| check(max, &format!("{max}\n{more}"), expected);

@@ -40,8 +40,20 @@ impl Mapping {
                 left_out.push(name.clone());
                 continue;
             };
-            if let Some(Some(other)) = places.get(coco) {
-                let other: &str = names.get(*other).map_or("", String::as_str);
+            if let Some(Some(other_place)) = places.get(coco) {
+                let other: &str = names.get(*other_place).map_or("", String::as_str);
+                // Of a big toe and a tip of the foot, the big toe is used.
+                let is_tip = |name: &str| {
+                    COCO23[coco].ends_with("toe") && !name.to_ascii_lowercase().contains("big")
+                };
+                if is_tip(name) != is_tip(other) {
+                    let tip = if is_tip(name) { name.as_str() } else { other };
+                    left_out.push(tip.to_owned());
+                    if !is_tip(name) {
+                        places[coco] = Some(place);
+                    }
+                    continue;
+                }
                 return Err(format!(
                     "`{other}` and `{name}` both read as {}, expected one of them",
                     COCO23[coco]
@@ -271,6 +283,16 @@ mod tests {
         assert!(error.contains("both read as left_knee"), "{error}");
         let error = Mapping::of_names(&names(&["snout", "tailbase"])).unwrap_err();
         assert!(error.contains("`snout`, `tailbase`"), "{error}");
+    }
+
+    #[test]
+    fn a_big_toe_is_used_and_not_the_tip_of_its_foot() {
+        for order in [["left_toe", "LBigToe"], ["LBigToe", "left_toe"]] {
+            let mapping = Mapping::of_names(&names(&order)).unwrap();
+            let big_toe = order.iter().position(|it| *it == "LBigToe");
+            assert_eq!(mapping.places[COCO17.len()], big_toe);
+            assert_eq!(mapping.left_out, ["left_toe"]);
+        }
     }
 
     #[test]
