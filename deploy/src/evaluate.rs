@@ -42,9 +42,10 @@ pub(crate) struct EvaluateArgs {
     /// Further sessions (`--sessions`).
     #[arg(requires = "sessions", value_name = "POSES")]
     others: Vec<PathBuf>,
-    /// Compare joint angles of POSES TRUTH ..., results of one recording.
+    /// Compare joint angles of results, not a truth.
     ///
-    /// Computed with other calibrations, networks or viewpoints: standard deviation of each angle, degrees.
+    /// POSES TRUTH ... are results of one recording, of other calibrations, networks or viewpoints. Prints the standard
+    /// deviation of each angle over them, degrees.
     #[arg(long, conflicts_with_all = ["beside", "points", "truth-extent", "ticks", "rate_hz", "plot"])]
     sessions: bool,
     /// Other poses to compare against the same truth.

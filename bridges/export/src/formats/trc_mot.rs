@@ -8,7 +8,7 @@ use std::io::{self, Write};
 
 use farfield_fusion::body::skeleton::RangeOfMotion;
 use farfield_fusion::export::mot::{self, MotRows};
-use farfield_fusion::export::{Layout, trc};
+use farfield_fusion::export::{KeypointColumn, Layout, trc};
 use farfield_proto::id::PersonId;
 use farfield_proto::keypoints::KeypointSet;
 use farfield_proto::message::PersonPose;
@@ -19,10 +19,15 @@ use crate::run::Sample;
 use crate::subject::Subject;
 use crate::timeline::Frame;
 
-/// Names of the values of a pose; default ranges of motion.
+/// Names of the values of a pose, with all keypoints of the file; default ranges of motion.
 fn layout_of(keypoints: &[String]) -> Layout {
     let set = KeypointSet::new(keypoints.to_vec());
-    Layout::of(&set, Some(&RangeOfMotion::default()))
+    let names = keypoints.iter().cloned().enumerate();
+    let keypoints = names.map(|(index, name)| KeypointColumn { index, name });
+    Layout {
+        keypoints: keypoints.collect(),
+        ..Layout::of(&set, Some(&RangeOfMotion::default()))
+    }
 }
 
 /// The pose as published by fusion.
