@@ -48,28 +48,21 @@ impl OnnxDetector {
         let text = read_card(card_path)?;
         let card = DetectorCard::parse(&text, card_path)?;
         let cells = yolox_cells(&card);
-        let (yolox, rtmdet);
-        let axes: &[TensorAxis] = match card.decode {
-            Decode::Yolox => {
-                yolox = [
-                    TensorAxis::Batch,
-                    TensorAxis::Fixed("cells, three grids of the input's size", cells),
-                    TensorAxis::Any,
-                ];
-                &yolox
-            }
-            Decode::Rtmdet => {
-                rtmdet = [
-                    TensorAxis::Batch,
-                    TensorAxis::Any,
-                    TensorAxis::Fixed("values per detection", 5),
-                ];
-                &rtmdet
-            }
+        let axes = match card.decode {
+            Decode::Yolox => [
+                TensorAxis::Batch,
+                TensorAxis::Fixed("cells, three grids of the input's size", cells),
+                TensorAxis::Any,
+            ],
+            Decode::Rtmdet => [
+                TensorAxis::Batch,
+                TensorAxis::Any,
+                TensorAxis::Fixed("values per detection", 5),
+            ],
         };
         let contract = Contract {
             input: &card.input,
-            outputs: &[(&card.output.name, axes)],
+            outputs: &[(&card.output.name, axes.to_vec())],
         };
         let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract, Provider::Cpu)?;
         model.try_out(&contract)?;

@@ -21,53 +21,19 @@ pub const COCO17: [&str; 17] = [
     "right_ankle",
 ];
 
-/// COCO's 17 keypoints and then the six of its extension for feet, as in COCO-WholeBody.
-pub const COCO23: [&str; 23] = [
-    "nose",
-    "left_eye",
-    "right_eye",
-    "left_ear",
-    "right_ear",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-    "left_hip",
-    "right_hip",
-    "left_knee",
-    "right_knee",
-    "left_ankle",
-    "right_ankle",
+/// COCO's 17 keypoints and the six of its extension for feet, as in COCO-WholeBody.
+pub const COCO23: [&str; 23] = coco17_and([
     "left_big_toe",
     "left_small_toe",
     "left_heel",
     "right_big_toe",
     "right_small_toe",
     "right_heel",
-];
+]);
 
 /// Halpe's 26, as of `RTMPose`'s networks with feet. The top of the head and the middle of the
 /// shoulders are on no joint of the body.
-const HALPE26: [&str; 26] = [
-    "nose",
-    "left_eye",
-    "right_eye",
-    "left_ear",
-    "right_ear",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-    "left_hip",
-    "right_hip",
-    "left_knee",
-    "right_knee",
-    "left_ankle",
-    "right_ankle",
+const HALPE26: [&str; 26] = coco17_and([
     "head_top",
     "mid_shoulder",
     "mid_hip",
@@ -77,7 +43,18 @@ const HALPE26: [&str; 26] = [
     "right_small_toe",
     "left_heel",
     "right_heel",
-];
+]);
+
+/// [`COCO17`] and then `more`.
+const fn coco17_and<const MORE: usize, const ALL: usize>(
+    more: [&'static str; MORE],
+) -> [&'static str; ALL] {
+    let mut all = [""; ALL];
+    let (coco, rest) = all.split_at_mut(COCO17.len());
+    coco.copy_from_slice(&COCO17);
+    rest.copy_from_slice(&more);
+    all
+}
 
 /// The names of a network's keypoints, in the order of its maps.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -153,8 +130,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_set_with_feet_begins_with_those_of_coco() {
-        assert_eq!(COCO23[..COCO17.len()], COCO17);
+    fn sets_have_their_names() {
+        assert_eq!(
+            KeypointSet::named("halpe26").unwrap().names()[25],
+            "right_heel"
+        );
         assert_eq!(KeypointSet::named("coco23").unwrap().names(), COCO23);
         let error = KeypointSet::named("coco18").unwrap_err();
         assert!(

@@ -191,7 +191,7 @@ impl PoseLines {
     }
 }
 
-fn unreadable(error: &io::Error) -> String {
+pub(crate) fn unreadable(error: &io::Error) -> String {
     if error.kind() == io::ErrorKind::InvalidData {
         return "found bytes that are no UTF-8, expected a line of JSON".to_owned();
     }

@@ -19,6 +19,8 @@ use farfield_fusion::body::skeleton::ANGLE_NAMES;
 use farfield_proto::toml_file::FileError;
 use serde::{Deserialize, Serialize};
 
+use super::lines::unreadable;
+
 /// Fewest ticks that two people share before they can be the same person, and that determine an
 /// angle before it is reported.
 const FEWEST_TICKS: usize = 10;
@@ -61,7 +63,7 @@ impl SessionAngles {
         let mut session = Self::default();
         for (index, text) in reader.lines().enumerate() {
             let error = |problem: String| FileError::new(path, problem).at_line(index + 1);
-            let text = text.map_err(|e| error(e.to_string()))?;
+            let text = text.map_err(|e| error(unreadable(&e)))?;
             if text.trim().is_empty() {
                 continue;
             }

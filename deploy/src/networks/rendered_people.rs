@@ -16,6 +16,7 @@ use farfield_proto::id::CameraIndex;
 use farfield_proto::model_card::{Channels, HeatmapCard, HeatmapTensors, Normalize};
 use farfield_proto::order_statistics::upper_median;
 use farfield_proto::venue::parameters::BoxParameters;
+use farfield_score::points::LIMB_POINTS;
 use farfield_sim::embedded;
 use farfield_sim::render::{RenderSettings, Renderer};
 use image::RgbImage;
@@ -28,22 +29,6 @@ use crate::report_lines::ReportLines;
 const SCENE: &str = "one";
 const EVERY_CAMERA: usize = 2;
 const TIMES_S: [f64; 6] = [0.5, 2.0, 3.5, 8.0, 9.5, 14.0];
-/// The keypoints that all networks place alike; their names are those of joints.
-const LIMBS: [&str; 12] = [
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-    "left_hip",
-    "right_hip",
-    "left_knee",
-    "right_knee",
-    "left_ankle",
-    "right_ankle",
-];
-
 /// Median distance from the truth above which a network sees nothing of a person, share of the
 /// height. Trained networks reach 0.02.
 const LOST: f64 = 0.1;
@@ -57,10 +42,10 @@ const OFFSET_CELLS: f64 = 0.3;
 /// Peaks below this height say nothing.
 const LEAST_HEIGHT: f32 = 0.2;
 
-/// A crop with the true places of [`LIMBS`].
+/// A crop with the true places of [`LIMB_POINTS`], whose names are those of joints.
 struct RenderedCrop {
     picture: RgbImage,
-    limbs_px: [Vector2<f64>; LIMBS.len()],
+    limbs_px: [Vector2<f64>; LIMB_POINTS.len()],
     height_px: f64,
 }
 
@@ -88,16 +73,13 @@ pub(super) fn check(
     report: &mut ReportLines,
 ) -> anyhow::Result<()> {
     let names = card.output.keypoints.names();
-    let maps: Vec<Option<usize>> = LIMBS
-        .iter()
-        .map(|limb| names.iter().position(|name| name == limb))
-        .collect();
-    if maps.iter().flatten().count() < LIMBS.len() {
+    let map_of = |limb: &&str| names.iter().position(|name| name == limb);
+    let maps: Option<Vec<usize>> = LIMB_POINTS.iter().map(map_of).collect();
+    let Some(maps) = maps else {
         let text = "not compared with rendered people: it lacks some of the 12 keypoints of limbs";
         report.ok(NETWORKS, text);
         return Ok(());
-    }
-    let maps: Vec<usize> = maps.into_iter().flatten().collect();
+    };
     let mut network = OnnxKeypointNetwork::load(path)?;
     let crops = rendered(card)?;
     let own = InputForm {
@@ -186,7 +168,10 @@ fn rendered(card: &HeatmapCard) -> anyhow::Result<Vec<RenderedCrop>> {
                     .project(Point::new(Point3::from(at_m)))
                     .map(|px| crop.input(px))
             };
-            let limbs: Vec<Vector2<f64>> = LIMBS.iter().filter_map(|name| place_px(name)).collect();
+            let limbs: Vec<Vector2<f64>> = LIMB_POINTS
+                .iter()
+                .filter_map(|name| place_px(name))
+                .collect();
             let rows = |of: fn(f64, f64) -> f64| limbs.iter().map(|px| px.y).reduce(of);
             let height_px = rows(f64::max).unwrap_or(0.0) - rows(f64::min).unwrap_or(0.0);
             crops.push(RenderedCrop {
@@ -211,14 +196,10 @@ fn peaks(
     form: &InputForm,
     mirrored: bool,
 ) -> anyhow::Result<Vec<Vec<Peak>>> {
-    let inputs: Vec<InputTensor> = crops
-        .iter()
-        .map(|it| form.tensor(&it.picture, mirrored))
-        .collect();
-    let mut found = Vec::with_capacity(inputs.len());
+    let mut found = Vec::with_capacity(crops.len());
     // One at a time: memory stays small with any network.
-    for input in inputs {
-        let maps = network.infer(&[input])?;
+    for crop in crops {
+        let maps = network.infer(&[form.tensor(&crop.picture, mirrored)])?;
         let card = network.card();
         let [width, height] = [card.output.width, card.output.height].map(|side| side as usize);
         let cell = card.cell_to_input;
@@ -403,10 +384,15 @@ fn wrong_order(crops: &[RenderedCrop], found: &[Vec<Peak>], maps: &[usize]) -> O
     };
     let wrong = maps.iter().enumerate().filter_map(|(limb, &map)| {
         let own = distance(map, limb);
-        let others = (0..LIMBS.len()).map(|other| (distance(map, other), other));
+        let others = (0..LIMB_POINTS.len()).map(|other| (distance(map, other), other));
         let (nearest, other) = others.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let is_wrong = other != limb && nearest * NEARER < own && nearest < LOST;
-        is_wrong.then(|| format!("map {map} (`{}`) shows {}", LIMBS[limb], LIMBS[other]))
+        is_wrong.then(|| {
+            format!(
+                "map {map} (`{}`) shows {}",
+                LIMB_POINTS[limb], LIMB_POINTS[other]
+            )
+        })
     });
     let wrong: Vec<String> = wrong.collect();
     let dots = if wrong.len() > SHOWN { ", ..." } else { "" };

@@ -60,11 +60,12 @@ impl OnnxKeypointNetwork {
             HeatmapTensors::Maps(_) => None,
             HeatmapTensors::Simcc(simcc) => Some(SimccMaps::new(&card, simcc)),
         };
-        let model = with_contract(&card, simcc.as_ref(), |contract| {
-            let mut model = OnnxModel::load(&card.file, text.as_bytes(), contract, provider)?;
-            model.try_out(contract)?;
-            Ok::<_, NetworkError>(model)
-        })?;
+        let contract = Contract {
+            input: &card.input,
+            outputs: &outputs_of(&card, simcc.as_ref()),
+        };
+        let mut model = OnnxModel::load(&card.file, text.as_bytes(), &contract, provider)?;
+        model.try_out(&contract)?;
         Ok(Self {
             card_path: card_path.to_owned(),
             provider,
@@ -156,35 +157,27 @@ fn check_length(got: usize, expected: usize) -> Result<(), NetworkError> {
     }
 }
 
-/// Calls `then` with what the card demands of the model.
-fn with_contract<R>(
-    card: &HeatmapCard,
+/// The outputs that the card demands of the model, each with its axes.
+fn outputs_of<'a>(
+    card: &'a HeatmapCard,
     simcc: Option<&SimccMaps>,
-    then: impl FnOnce(&Contract<'_>) -> R,
-) -> R {
+) -> Vec<(&'a str, Vec<TensorAxis>)> {
     let [keypoints, height, width] = output_shape(card);
-    let contract = |outputs: &[(&str, &[TensorAxis])]| {
-        then(&Contract {
-            input: &card.input,
-            outputs,
-        })
+    let output = |name: &'a str, sides: &[(&'static str, usize)]| {
+        let maps = ("maps, as the card lists keypoints", keypoints);
+        let fixed = [maps].into_iter().chain(sides.iter().copied());
+        let fixed = fixed.map(|(what, n)| TensorAxis::Fixed(what, n));
+        let axes = [TensorAxis::Batch].into_iter().chain(fixed);
+        (name, axes.collect())
     };
-    let first = [
-        TensorAxis::Batch,
-        TensorAxis::Fixed("maps, as the card lists keypoints", keypoints),
-    ];
-    let [x_bins, y_bins] = simcc.map_or([0; 2], SimccMaps::n_bins);
     match &card.output.tensors {
-        HeatmapTensors::Maps(name) => {
-            let sides = [
-                TensorAxis::Fixed("rows", height),
-                TensorAxis::Fixed("columns", width),
-            ];
-            contract(&[(name, &[first, sides].concat())])
-        }
-        HeatmapTensors::Simcc(simcc) => {
-            let axes = |bins| [&first[..], &[TensorAxis::Fixed("bins", bins)]].concat();
-            contract(&[(&simcc.x, &axes(x_bins)), (&simcc.y, &axes(y_bins))])
+        HeatmapTensors::Maps(name) => vec![output(name, &[("rows", height), ("columns", width)])],
+        HeatmapTensors::Simcc(names) => {
+            let [x, y] = simcc.map_or([0; 2], SimccMaps::n_bins);
+            vec![
+                output(&names.x, &[("bins", x)]),
+                output(&names.y, &[("bins", y)]),
+            ]
         }
     }
 }

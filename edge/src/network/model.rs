@@ -36,7 +36,7 @@ pub(crate) enum TensorAxis {
 pub(crate) struct Contract<'a> {
     pub(crate) input: &'a NetworkInput,
     /// Names of the outputs that are read, each with its axes.
-    pub(crate) outputs: &'a [(&'a str, &'a [TensorAxis])],
+    pub(crate) outputs: &'a [(&'a str, Vec<TensorAxis>)],
 }
 
 /// One output of a run.
@@ -252,15 +252,15 @@ fn open(
     backend: &InferenceBackend,
     path: &Path,
     bytes: &[u8],
-    outputs: &[(&str, &[TensorAxis])],
+    outputs: &[(&str, Vec<TensorAxis>)],
     on: &[ExecutionProviderDispatch],
 ) -> Result<Session, String> {
     let text = |e: &dyn std::fmt::Display| first_line(&e.to_string());
-    let reduced = backend.is_tract().then(|| {
-        let needed: Vec<&str> = outputs.iter().map(|(name, _)| *name).collect();
-        reduced(bytes, &needed)
-    });
-    let reduced = reduced.flatten();
+    let needed: Vec<&str> = outputs.iter().map(|(name, _)| *name).collect();
+    let reduced = backend
+        .is_tract()
+        .then(|| reduced(bytes, &needed))
+        .flatten();
     let mut builder = Session::builder(backend.environment())
         .map_err(|e| text(&e))?
         // Without a level, tract does not optimise at all.

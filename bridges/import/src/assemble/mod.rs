@@ -73,6 +73,7 @@ pub fn assemble(cameras: &mut [CameraFrames]) -> Result<Assembled, String> {
     })
 }
 
+/// COCO's 17, or those with feet if any person has one.
 fn keypoint_set(cameras: &[CameraFrames]) -> &'static [&'static str] {
     let mut people = cameras.iter().flat_map(|it| it.frames.values().flatten());
     let has_feet = people.any(|person| person[COCO17.len()..].iter().any(Option::is_some));

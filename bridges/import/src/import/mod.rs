@@ -300,13 +300,9 @@ fn report(
         frames: ticks.end - ticks.start,
         cameras: cameras.collect(),
         model: names.into_iter().collect::<Vec<_>>().join(", "),
-        mapped: COCO23
-            .into_iter()
-            .filter(|name| {
-                mappings
-                    .iter()
-                    .all(|it| it.mapped().any(|has| has == *name))
-            })
+        mapped: (0..COCO23.len())
+            .filter(|&i| mappings.iter().all(|it| it.places[i].is_some()))
+            .map(|i| COCO23[i])
             .collect(),
         missing: missing.iter().copied().collect(),
         left_out: left_out.into_iter().cloned().collect(),

@@ -92,12 +92,6 @@ impl Mapping {
         Ok(person)
     }
 
-    /// Keypoints that the file has.
-    pub fn mapped(&self) -> impl Iterator<Item = &'static str> {
-        let pairs = COCO23.into_iter().zip(self.places);
-        pairs.filter_map(|(name, place)| place.map(|_| name))
-    }
-
     /// Keypoints of COCO's 17 that the file lacks.
     pub fn missing(&self) -> Vec<&'static str> {
         let pairs = COCO17.iter().zip(self.places);

@@ -66,6 +66,7 @@ struct Row {
     /// ankles, left before right.
     places: [usize; COCO17.len()],
     feet: Feet,
+    /// Descriptions of the other keypoints.
     left_out: &'static [&'static str],
 }
 
